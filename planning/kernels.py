@@ -56,7 +56,7 @@ def files_of_kernels(root: Path, module: str) -> frozenset[Path]:
 
     These are the files that declare kernels, or tell numba how to compile, and that the module imports,
     directly or by others of them. A kernel is compiled into those that call it, from whichever file;
-    numba alone compares the caller's own file, and would go on with what the callee was before.
+    numba alone compares the caller's own file, and would keep the old callee.
 
     Args:
         root: folder above the packages.

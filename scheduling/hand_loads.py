@@ -52,13 +52,13 @@ class HandLoads:
             while begins and begins[-1].start <= moment:
                 held.append(begins.pop())
             held = [span for span in held if span.end > moment]
-            worn = [tools[span.object] for span in held if span.object in tools]
+            mounted = [tools[span.object] for span in held if span.object in tools]
             parts = [
                 (objects[span.object], span.pose)
                 for span in held
                 if span.object not in tools
             ]
-            self._loads.append(HandLoad(worn[0] if worn else None, tuple(parts)))
+            self._loads.append(HandLoad(mounted[0] if mounted else None, tuple(parts)))
 
     def after(self, node: int, waypoint: int) -> HandLoad:
         """Return the payload of the robot from a waypoint of a node to the next one.

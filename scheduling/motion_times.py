@@ -174,10 +174,10 @@ def stretch_numbers(tpg: TemporalPlanGraph, k: int) -> Indices:
     return np.concatenate([[0], np.cumsum(~joined)])[: len(chain)].astype(np.int64)
 
 
-def _directions(ways: Array) -> Array:
+def _directions(displacements: Array) -> Array:
     """Return unit directions of displacements, shape (w, n)."""
-    lengths = np.linalg.norm(ways, axis=1)
-    return np.asarray(ways / np.maximum(lengths, _STILL)[:, None])
+    lengths = np.linalg.norm(displacements, axis=1)
+    return np.asarray(displacements / np.maximum(lengths, _STILL)[:, None])
 
 
 def nominal_durations(drive: Drive) -> Array:

@@ -27,19 +27,18 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-Version = Annotated[
-    bool,
-    typer.Option(
-        "--version",
-        help="Print the version.",
-        callback=_print_version,
-        is_eager=True,
-    ),
-]
-
-
 @app.callback()
-def _program(version: Version = False) -> None:
+def _program(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            help="Print the version.",
+            callback=_print_version,
+            is_eager=True,
+        ),
+    ] = False,
+) -> None:
     """Plan, schedule and simulate teams of robots that build things together."""
 
 

@@ -266,16 +266,16 @@ def _capsule(points: Array, normals: Array, support: Array) -> _Segment:
     others = [i for i in range(3) if i != long]
     centre = _circle_centre(points[:, others])
     along = points[:, long]
-    aside = np.linalg.norm(points[:, others] - centre, axis=1)
-    radii = np.maximum(aside.max(), 1e-9) * np.linspace(1.0, 1.6, 25)
+    radial = np.linalg.norm(points[:, others] - centre, axis=1)
+    radii = np.maximum(radial.max(), 1e-9) * np.linspace(1.0, 1.6, 25)
     # A point is inside when the segment reaches within `reach` of its foot.
-    reach = np.sqrt(np.maximum(radii[:, None] ** 2 - aside**2, 0.0))
+    reach = np.sqrt(np.maximum(radii[:, None] ** 2 - radial**2, 0.0))
     first, last = (along + reach).min(axis=1), (along - reach).max(axis=1)
     middle = (first + last) / 2.0
     first, last = np.minimum(first, middle), np.maximum(last, middle)
     # The radius that counts is measured again on the segment as it is stored.
     offset = along - np.clip(along, first[:, None], last[:, None])
-    radii = np.sqrt(offset**2 + aside**2).max(axis=1) + _ROUNDING
+    radii = np.sqrt(offset**2 + radial**2).max(axis=1) + _ROUNDING
     starts = np.empty((len(radii), 3))
     starts[:, others], starts[:, long] = centre, first
     ends = starts.copy()

@@ -8,6 +8,7 @@ its frame. Its door is an object, too, for as long as it works.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 
@@ -47,10 +48,13 @@ def immovable_model(name: str, bodies: Sequence[ConvexBody] = ()) -> RobotModel:
     )
 
 
-MODEL = immovable_model("machine")
-"""A slide that never moves and carries nothing."""
+@cache
+def machine_model() -> RobotModel:
+    """Return the model of a machine: a slide that never moves and carries nothing."""
+    return immovable_model("machine")
 
 
 def machine_robot(name: str) -> PlacedRobot:
     """Return the machine with a given name."""
-    return PlacedRobot(name, MODEL, read_only_copy(np.eye(4)), MODEL.home)
+    model = machine_model()
+    return PlacedRobot(name, model, read_only_copy(np.eye(4)), model.home)

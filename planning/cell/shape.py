@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import TypeAlias, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,8 @@ _FEWEST_SIDES, _MOST_SIDES, _STEP = 16, 48, 4
 _LATITUDES = np.linspace(0.0, 0.5 * math.pi, 5)
 _UPRIGHT: Transform = read_only_copy(np.eye(4))
 
+Form: TypeAlias = Union["Box", "Cylinder", "Capsule", "Mesh"]
+"""The form of a rigid element."""
 
 Placed = tuple[str, ConvexBody, Transform]
 """A convex piece of a resting object: the object's name, the piece, and its pose."""
@@ -112,10 +115,6 @@ class Mesh:
     centre: Array
     missed: float = 0.0
     source: str = "mesh"
-
-
-Form = Box | Cylinder | Capsule | Mesh
-"""Any of them."""
 
 
 def _polyhedron_sides(radius: float) -> int:
@@ -307,12 +306,14 @@ def _bodies(name: str, element: Element) -> list[ConvexBody]:
 
 
 def _placed(body: ConvexBody, pose: Transform) -> ConvexBody:
-    def there(points: Array) -> Array:
+    def transformed(points: Array) -> Array:
         return read_only_copy(points @ pose[:3, :3].T + pose[:3, 3])
 
     covers = body.capsules
-    capsules = Capsules(there(covers.start), there(covers.end), covers.radius)
-    return ConvexBody(body.name, there(body.vertices), capsules)
+    capsules = Capsules(
+        transformed(covers.start), transformed(covers.end), covers.radius
+    )
+    return ConvexBody(body.name, transformed(body.vertices), capsules)
 
 
 def _centre(element: Element) -> Array:

@@ -122,7 +122,7 @@ class _Rest:
         }
         self.busy = {str(at.holder): name for name, at in middle.held.items()}
         self.building = self._left(middle.building(problem))
-        self.building = self._out_of_the_way(self.building)
+        self.building = self._with_robots_home(self.building)
         while (after := self._next()) is not None:
             self.building = after
 
@@ -151,7 +151,7 @@ class _Rest:
             building = done or building
         return building
 
-    def _out_of_the_way(self, building: BuildState) -> BuildState:
+    def _with_robots_home(self, building: BuildState) -> BuildState:
         """Return the state in which robots wait at HOME, with the parts they hold, until they have work."""
         legs = LegPlanner(self.effort.subproblem.rrt, self.rng, self.solver.watch)
         for name in self.problem.team:
@@ -172,7 +172,14 @@ class _Rest:
         if kept:
             part, near = self.problem.part(kept[0]), self.problem.graph.neighbours
             others = [name for name in names if kept[0] in near[name]]
-            about = self.solver, self.building, part, others, self._teams, self._ways
+            about = (
+                self.solver,
+                self.building,
+                part,
+                others,
+                self._teams,
+                self._holds_by_part,
+            )
             alternatives = (
                 plan_securing_part(*about, effort) for effort in range(_EFFORTS)
             )
@@ -183,12 +190,12 @@ class _Rest:
                 teams = self._teams(self.building, part)
                 for k, robots in enumerate(islice(teams, _TEAMS)):
                     seed = [self.problem.seed, 9, self.building.step, k, effort, low]
-                    hold = self._ways.get(name)
+                    hold = self._holds_by_part.get(name)
                     tried = Attempt(part, robots, seed, effort, low, hold=hold)
                     done = self.solver.solve(self.building, tried)
                     if done is not None:
                         return self._done(done)
-        team = self.solver, self.building, self._teams, self._ways
+        team = self.solver, self.building, self._teams, self._holds_by_part
         alternatives = (plan_held_part(*team, effort) for effort in range(_EFFORTS))
         return self._done(next(filter(None, alternatives), None))
 
@@ -203,7 +210,7 @@ class _Rest:
         return after
 
     @property
-    def _ways(self) -> dict[str, Hold]:
+    def _holds_by_part(self) -> dict[str, Hold]:
         """Return the holds of the parts that robots have in their hands."""
         return {name: hold for name, (_, hold) in self.holds.items()}
 

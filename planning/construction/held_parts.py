@@ -137,7 +137,7 @@ def release_part(
         last: the part placed last.
     """
     keeping = building.kept[part.name]
-    robot, path = keeping.robot, keeping.way
+    robot, path = keeping.robot, keeping.exit_path
     allowed = grip_contact(robot, part.name)
     checker = SpaceTimeChecker(building.world, robot, allowed=allowed)
     velocity = solver.problem.cell.robot(robot).model.velocity

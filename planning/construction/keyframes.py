@@ -146,7 +146,7 @@ class KeyframeSolver:
                 if meetings := self.meetings((robots[0], robots[1]), holds, having):
                     yield Keyframes(holds, (), places, (meetings,))
 
-    def alone(self, robot: str) -> Iterator[Keyframes]:
+    def single_robot_keyframes(self, robot: str) -> Iterator[Keyframes]:
         """Yield keyframes of one robot that picks and places, one per hold.
 
         The place is looked at first: where nothing can be put down nothing need be picked.
@@ -285,7 +285,9 @@ class KeyframeSolver:
             scenes.held(robot, hold, at_goal=False),
         )
         start = scenes.problem.object(part).start
-        found = self._ways("pick", robot, hold, start, phase, self.earliest_times.pick)
+        found = self._skill_motions(
+            "pick", robot, hold, start, phase, self.earliest_times.pick
+        )
         picks = islice(found, self.settings.picks)
         return tuple(sorted(picks, key=lambda k: k.earliest))
 
@@ -296,7 +298,9 @@ class KeyframeSolver:
             scenes.held(robot, hold, at_goal=True),
             scenes.empty(robot, at_goal=True),
         )
-        found = self._ways("place-down", robot, hold, goal, phase, earliest.place)
+        found = self._skill_motions(
+            "place-down", robot, hold, goal, phase, earliest.place
+        )
         places = islice(found, self.settings.places)
         cut = [
             Keyframe(k.motion, intersect_windows(k.windows, self._free_place))
@@ -312,7 +316,7 @@ class KeyframeSolver:
         # It counts as lying there from the beginning of the skill that places it.
         return arrival_windows([(checker, q)], np.inf, begin)
 
-    def _ways(
+    def _skill_motions(
         self,
         skill: str,
         robot: str,

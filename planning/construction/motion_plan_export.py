@@ -204,8 +204,8 @@ def export_motion_plan(
     handled = [(h, k) for k, task in enumerate(tasks) for h in task.handlings]
     placed = {h.object: k for h, k in handled if h.holder is None}
     taken = {h.object: k for h, k in reversed(handled)}
-    edges = _object_order(tasks) | _one_after_another(placed, rests_on or {})
-    edges |= _one_after_another(taken, covers or {})
+    edges = _object_order(tasks) | _handling_order(placed, rests_on or {})
+    edges |= _handling_order(taken, covers or {})
     for name, keeping in (kept or {}).items():
         since = tasks[placed[name]].end if name in placed else -np.inf
         moves = (
@@ -397,7 +397,7 @@ def _object_order(tasks: Sequence[PlannedTask]) -> set[tuple[int, int]]:
     return edges
 
 
-def _one_after_another(
+def _handling_order(
     tasks: Mapping[str, int], waits_for: Mapping[str, Iterable[str]]
 ) -> set[tuple[int, int]]:
     """Return dependencies of the tasks of objects on those of the objects that they wait for."""

@@ -244,7 +244,7 @@ class ConstructionSearch:
             first = next(skeletons(self.solver.bounds, building, part, 1), None)
             if first is None:
                 break
-            attempt = self._easy(part, first, seed, most_loss)
+            attempt = self._low_effort_attempt(part, first, seed, most_loss)
             found = self._solve(building, attempt)
             if found is None:
                 continue
@@ -270,7 +270,7 @@ class ConstructionSearch:
             seconds += self.problem.seconds_of("place-down", skeleton[-1], part)
             if free + seconds > latest:
                 break
-            attempt = self._easy(part, skeleton, seed, most_loss)
+            attempt = self._low_effort_attempt(part, skeleton, seed, most_loss)
             found = self._solve(building, replace(attempt, latest=latest))
             if found is None:
                 continue
@@ -280,7 +280,7 @@ class ConstructionSearch:
                 break
         return best
 
-    def _easy(
+    def _low_effort_attempt(
         self, part: Part, robots: Skeleton, seed: Sequence[int], lost: float
     ) -> Attempt:
         own = [*seed, self.problem.team.index(robots[0])]

@@ -246,7 +246,11 @@ class SubproblemSolver:
             options = solver.in_hand(team, attempt.hold)
         else:
             one = len(team) == 1
-            options = solver.alone(*team) if one else solver.handed_over(*team)
+            options = (
+                solver.single_robot_keyframes(*team)
+                if one
+                else solver.handed_over(*team)
+            )
         legs = LegPlanner(settings.rrt, rng, self.watch)
         for _ in range(settings.holds):
             with self.watch.time("keyframes"):
@@ -262,7 +266,7 @@ class SubproblemSolver:
         """Return the effort for an attempt."""
         if attempt.low_effort:
             return self.settings.low_effort()
-        return self.settings.harder(attempt.effort)
+        return self.settings.with_more_effort(attempt.effort)
 
     def earliest_times(self, building: BuildState, part: Part) -> EarliestTimes:
         """Return the earliest times at which a part may be picked and placed.

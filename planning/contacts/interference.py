@@ -106,8 +106,8 @@ class Overlaps:
     def words(self, first: str, second: str, deep: float) -> str:
         """Return in words the depth of two things, the allowed one, and the remedy."""
         most = self.most(first, second)
-        told = f"{format_depth(deep)}, and may by {format_depth(most)}"
-        return told + self.remedy(first, second, deep)
+        text = f"{format_depth(deep)}, and may by {format_depth(most)}"
+        return text + self.remedy(first, second, deep)
 
     def remedy(self, first: str, second: str, deep: float) -> str:
         """Return in words the scenario entry that would allow two things to penetrate so deep."""
@@ -117,18 +117,18 @@ class Overlaps:
             return ""
         if frozenset((first, second)) in self.joined:
             return f"; if they meet in a node, say joined_overlap_m: {press:g}"
-        told = (
+        text = (
             "; if one is pressed into the other, say"
             f" fits: [{{parts: [{first}, {second}], press_m: {press:g}}}]"
         )
         if deep > _NODE:
-            told += (
+            text += (
                 "; if they are bars that meet in a node, join them"
                 f" (joined: [[{second}, {first}]])"
             )
             if press > self.in_nodes:
-                told += f" and say joined_overlap_m: {press:g}"
-        return told
+                text += f" and say joined_overlap_m: {press:g}"
+        return text
 
 
 def format_depth(depth: float) -> str:
@@ -139,7 +139,7 @@ def format_depth(depth: float) -> str:
 def shapes_overlap_depth(
     item: PlacedObject,
     other: PlacedObject,
-    ways: Iterable[tuple[Transform, Array, float]],
+    approaches: Iterable[tuple[Transform, Array, float]],
 ) -> float:
     """Return the penetration depth of the convex pieces of two shapes along straight paths [m].
 
@@ -148,10 +148,10 @@ def shapes_overlap_depth(
     Args:
         item: what is moved.
         other: what rests.
-        ways: end poses of the first, directions of its approach, and distances.
+        approaches: end poses of the first, directions of its approach, and distances.
     """
     deepest = 0.0
-    for pose, direction, length in ways:
+    for pose, direction, length in approaches:
         where = tuple(array.tobytes() for array in (other[1], pose, direction))
         work = partial(_depth_on_way, item, other, pose, direction, length)
         key = item[0].shape, other[0].shape, *where, length

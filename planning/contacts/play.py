@@ -45,12 +45,12 @@ class Play:
     Attributes:
         free: how far it can go in each direction around the way until it meets something, shape (d,);
             infinite beyond ``SNUG`` [m].
-        beside: names of the things that guide it.
+        guides: names of the things that guide it.
         pressed: interference of a press fit, 0 where it has play [m].
     """
 
     free: Array
-    beside: tuple[str, ...]
+    guides: tuple[str, ...]
     pressed: float = 0.0
 
     @property
@@ -106,7 +106,7 @@ def play_in_place(
     lifted = translation(*(-_LIFT * insertion)) @ pose
     low, high = bounding_corners((item, lifted))
     free = np.full(_DIRECTIONS, np.inf)
-    pressed, beside = 0.0, []
+    pressed, guides = 0.0, []
     for name, other in others.items():
         other_low, other_high = bounding_corners(other)
         if np.any(low > other_high + SNUG) or np.any(other_low > high + SNUG):
@@ -118,12 +118,12 @@ def play_in_place(
         else:
             own = _free(item.shape, lifted, other, insertion)
         if np.isfinite(own).any():
-            beside.append(name)
+            guides.append(name)
             free = np.minimum(free, own)
     quarter = [np.roll(free, k) for k in range(_DIRECTIONS // 4)]
     if np.isinf(np.min(quarter, axis=0)).any():
         return None
-    return Play(read_only_copy(free), tuple(sorted(beside)), pressed)
+    return Play(read_only_copy(free), tuple(sorted(guides)), pressed)
 
 
 def _free(

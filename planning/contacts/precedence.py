@@ -243,7 +243,7 @@ class StepPrecedence:
         comes before it in the order of numbers; but while a part is held, what leads to
         letting go of it.
         """
-        done = self._doable()
+        done = self._greedy_schedule()
         return done if len(done) == len(self.before) else None
 
     def explained(self, lacks: Callable[[Collection[int]], str] | None = None) -> str:
@@ -252,27 +252,31 @@ class StepPrecedence:
         Args:
             lacks: says what keeps steps, which need one of each other, from what stands.
         """
-        done = set(self._doable())
+        done = set(self._greedy_schedule())
         stuck = [k for k in range(len(self.before)) if k not in done]
-        way = [stuck[0]]
-        while way[-1] not in way[:-1]:
-            waits = [k for k in self.before[way[-1]] if k not in done]
+        chain = [stuck[0]]
+        while chain[-1] not in chain[:-1]:
+            waits = [k for k in self.before[chain[-1]] if k not in done]
             if not waits:
-                others = ", ".join(self.words[k] for k in sorted(self.any_of[way[-1]]))
-                text = f"  {self.words[way[-1]]} needs one of these before it: {others}"
+                others = ", ".join(
+                    self.words[k] for k in sorted(self.any_of[chain[-1]])
+                )
+                text = (
+                    f"  {self.words[chain[-1]]} needs one of these before it: {others}"
+                )
                 # What comes before it, or it needs one of, and so on.
                 together = _reached(
-                    [way[-1]], lambda k: self.any_of[k] | self.before[k].keys()
+                    [chain[-1]], lambda k: self.any_of[k] | self.before[k].keys()
                 )
                 return text + ("" if lacks is None else lacks(sorted(together)))
-            way.append(min(waits))
-        circle = way[way.index(way[-1]) :]
+            chain.append(min(waits))
+        circle = chain[chain.index(chain[-1]) :]
         return "\n".join(
             f"  {self.words[then]} comes after {self.words[first]}: {self.before[then][first]}"
             for then, first in pairwise(circle)
         )
 
-    def _doable(self) -> tuple[int, ...]:
+    def _greedy_schedule(self) -> tuple[int, ...]:
         """Return the steps of a greedy schedule, as far as it is feasible."""
         out: list[int] = []
         done: set[int] = set()
@@ -286,12 +290,17 @@ class StepPrecedence:
             ]
             if not ready:
                 return tuple(out)
-            urgent = (k for way in self._to_let_go(done) for k in ready if k in way)
+            urgent = (
+                k
+                for chain in self._release_prerequisites(done)
+                for k in ready
+                if k in chain
+            )
             step = next(urgent, ready[0])
             out.append(step)
             done.add(step)
 
-    def _to_let_go(self, done: set[int]) -> list[set[int]]:
+    def _release_prerequisites(self, done: set[int]) -> list[set[int]]:
         """Return the steps that lead to the release of each held part, fewest first."""
         chains = [
             _reached([end], lambda k: self.before[k].keys() - done)

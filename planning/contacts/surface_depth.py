@@ -63,14 +63,14 @@ class RoundSolid(ConvexSolid):
 
     def depths(self, points: Array) -> Array:
         """Return the depths of points in the solid, negative outside, shape (n,) [m]."""
-        around = self.radius - np.linalg.norm(self._away(points), axis=-1)
+        around = self.radius - np.linalg.norm(self._from_axis(points), axis=-1)
         if not len(self.offsets):
             return np.asarray(around)
         return np.asarray(np.minimum(around, super().depths(points)))
 
     def bounds(self, triangles: Array, centres: Array) -> Array:
         """Return an upper bound of the depth of each triangle, shape (n,) [m]."""
-        away = self._away(centres)
+        away = self._from_axis(centres)
         length = np.linalg.norm(away, axis=1)
         slope = -away / np.maximum(length, 1e-12)[:, None]
         offsets = np.einsum("nkx,nx->nk", triangles - centres[:, None], slope)
@@ -79,7 +79,7 @@ class RoundSolid(ConvexSolid):
             return np.asarray(around)
         return np.asarray(np.minimum(around, super().bounds(triangles, centres)))
 
-    def _away(self, points: Array) -> Array:
+    def _from_axis(self, points: Array) -> Array:
         """Return points as seen from the nearest of the axis, shape (n, 3) [m]."""
         out = points.copy()
         out[..., 2] -= np.clip(points[..., 2], -self.reach, self.reach)

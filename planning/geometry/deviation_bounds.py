@@ -40,7 +40,7 @@ def deviation_bound_with_base(table: HullTable, solid: int, poses: Array) -> flo
 
 @inner_kernel
 def deviation_bound(
-    table: HullTable, solid: int, travel: Array, aside: Array, poses: Array
+    table: HullTable, solid: int, travel: Array, lateral: Array, poses: Array
 ) -> tuple[float, float, float]:
     """Return a bound on how far any point of a body deviates from straight lines on a motion.
 
@@ -49,7 +49,7 @@ def deviation_bound(
         solid: the body.
         travel: how far each joint goes, none of them further than half of it from ``poses``,
             shape (n,).
-        aside: by how much each joint is from a straight line at most, shape (n,).
+        lateral: by how much each joint is from a straight line at most, shape (n,).
         poses: joint poses in the middle.
 
     Returns:
@@ -65,7 +65,7 @@ def deviation_bound(
     joint = table.joint[solid]
     still = True
     for j in range(joint + 1):
-        still = still and travel[j] == 0.0 and aside[j] == 0.0
+        still = still and travel[j] == 0.0 and lateral[j] == 0.0
     if still:
         return 0.0, 0.0, 0.0
     count = last - first
@@ -86,7 +86,7 @@ def deviation_bound(
             points[2 * c + e, 3] = radius[first + c]
     moved = bend = off = 0.0
     for j in range(joint, -1, -1):
-        if travel[j] == 0.0 and aside[j] == 0.0:
+        if travel[j] == 0.0 and lateral[j] == 0.0:
             continue
         turned = 0.0
         for i in range(j):
@@ -95,7 +95,7 @@ def deviation_bound(
         if prismatic[j]:
             moved += 0.5 * travel[j]
             bend += 2.0 * travel[j] * turned
-            off += aside[j]
+            off += lateral[j]
             continue
         frame = poses[j + 1]
         ax, ay, az = joint_axis(table.robot, poses, j)
@@ -110,5 +110,5 @@ def deviation_bound(
         reach += moved
         moved += 0.5 * travel[j] * reach
         bend += travel[j] * (travel[j] + 2.0 * turned) * reach
-        off += aside[j] * reach
+        off += lateral[j] * reach
     return moved, 0.125 * bend, off

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from planning.geometry.exact import Solid
 from planning.kernels import inner_kernel
-from planning.kinematics.chain import NO_JOINTS, JointTable
+from planning.kinematics.chain import JointTable, empty_chain_table
 from planning.packed import packed
 from planning.transforms import Array, Indices
 
@@ -103,7 +103,7 @@ def hull_table(
 def standing_hulls(solids: Sequence[Solid]) -> HullTable:
     """Collect bodies that rest in the world."""
     q, which = np.empty((1, 0)), np.arange(len(solids), dtype=np.int32)[None]
-    return hull_table(NO_JOINTS, q, q, which, solids)
+    return hull_table(empty_chain_table(), q, q, which, solids)
 
 
 @inner_kernel

@@ -244,7 +244,9 @@ def position_error_bound(
         radius = float(np.linalg.norm(points - middle, axis=1).max())
         frame, own = frames[:, solid.joint + 1], slice(0, solid.joint + 1)
         centre = frame[:, :3, :3] @ middle + frame[:, :3, 3]
-        moves = _ways(robot, frames, centre)[:, :, own] @ answers[:, own]
+        moves = (
+            _translational_jacobians(robot, frames, centre)[:, :, own] @ answers[:, own]
+        )
         spins = turns[:, :, own] @ answers[:, own]
         of_way, of_turn = (
             _stretch(moves[..., part]) + radius * _stretch(spins[..., part])
@@ -263,7 +265,9 @@ def flange_jacobians(robot: PlacedRobot, frames: Array) -> Array:
         frames: world poses of its base and joints, shape (s, n + 1, 4, 4).
     """
     flange = (frames[:, -1] @ robot.model.flange)[:, :3, 3]
-    return np.concatenate([_ways(robot, frames, flange), _turns(robot, frames)], axis=1)
+    return np.concatenate(
+        [_translational_jacobians(robot, frames, flange), _turns(robot, frames)], axis=1
+    )
 
 
 def _axes(robot: PlacedRobot, frames: Array) -> Array:
@@ -272,7 +276,7 @@ def _axes(robot: PlacedRobot, frames: Array) -> Array:
     return np.asarray(np.einsum("snij,nj->sni", frames[:, 1:, :3, :3], local))
 
 
-def _ways(robot: PlacedRobot, frames: Array, points: Array) -> Array:
+def _translational_jacobians(robot: PlacedRobot, frames: Array, points: Array) -> Array:
     """Return the translational Jacobians of points that all joints carry, shape (s, 3, n)."""
     axes, slides = _axes(robot, frames), np.asarray(robot.model.chain.prismatic)
     turned = np.cross(axes, points[:, None] - frames[:, 1:, :3, 3])

@@ -123,7 +123,7 @@ class SceneChecker:
             robot holds moves with it, and what has no place is not there yet.
         allowed: unordered pairs of entities that may touch.
         margin: added to the cell's clearances [m].
-        amid: what the checked robot holds, and fixtures and objects at rest, where they are
+        surroundings: what the checked robot holds, and fixtures and objects at rest, where they are
             chosen already; the cell's objects and where they are do not count then.
         deviating: a path, shape (w, n), and how far the flange may be from it; the motions that
             are checked are those of this path then.
@@ -137,10 +137,10 @@ class SceneChecker:
         allowed: frozenset[frozenset[str]] = frozenset(),
         *,
         margin: float = 0.0,
-        amid: tuple[Sequence[Held], StandingBoxes] | None = None,
+        surroundings: tuple[Sequence[Held], StandingBoxes] | None = None,
         deviating: tuple[Array, PoseError] | None = None,
     ) -> None:
-        held, boxes = amid or _surroundings(cell, robot, state)
+        held, boxes = surroundings or _surroundings(cell, robot, state)
         for other in cell.robots:
             if other.name != robot:
                 at = np.array(state.configurations[other.name], dtype=np.float64)

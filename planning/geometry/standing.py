@@ -29,7 +29,7 @@ from planning.geometry.robot_bodies import (
     mark_allowed_contacts,
 )
 from planning.geometry.swept import SKIP
-from planning.kinematics.chain import NO_JOINTS
+from planning.kinematics.chain import empty_chain_table
 from planning.kinematics.kinematics import joint_poses_of
 from planning.packed import packed
 from planning.transforms import Array, Indices, Transform, translation
@@ -45,6 +45,12 @@ _CELLS_AT_A_TIME = 4
 
 _FOLLOWED: list[_SortedObjects] = []
 _LOCK = Lock()
+
+_shared_places: _Places | None = None
+"""Arrays of the latest scenes."""
+
+Sorted = tuple[list[Held], "StandingBoxes"]
+"""The objects that robots hold; fixtures and objects at rest."""
 
 
 class _Places:
@@ -94,13 +100,13 @@ class _Places:
         solid = resting_solid(body.name, body, pose)
         corners = solid.vertices
         if row == len(self.pose):
-            self.pose, self.half = _grown(self.pose), _grown(self.half)
-            self.bounds, self.joint = _grown(self.bounds), np.tile(self.joint, 2)
+            self.pose, self.half = _doubled(self.pose), _doubled(self.half)
+            self.bounds, self.joint = _doubled(self.bounds), np.tile(self.joint, 2)
             none = np.zeros(row, dtype=np.int64)
             self.corner_first = np.append(self.corner_first, none)
             self.capsule_first = np.append(self.capsule_first, none)
         while used + len(corners) > len(self.corners):
-            self.corners = _grown(self.corners)
+            self.corners = _doubled(self.corners)
         half = body.half
         if body.middle is not None:
             pose = pose @ translation(*body.middle.tolist())
@@ -118,11 +124,8 @@ class _Places:
         return row
 
 
-def _grown(values: Array) -> Array:
+def _doubled(values: Array) -> Array:
     return np.concatenate([values, np.empty_like(values)])
-
-
-_places = _Places()
 
 
 @dataclass(frozen=True)
@@ -175,7 +178,7 @@ class StandingBoxes:
         """The corners, for compiled code."""
         places = self.places
         table = HullTable(
-            NO_JOINTS,
+            empty_chain_table(),
             np.empty((1, 0)),
             np.empty((1, 0)),
             self.rows.astype(np.int32)[None],
@@ -257,11 +260,12 @@ def _strays(robot: PlacedRobot, body: ConvexBody, pose: Transform) -> float:
 
 def stand_boxes(fixtures: Sequence[Fixture], boxes: Iterable[Placed]) -> StandingBoxes:
     """Return the boxes of fixtures and of the pieces of some objects."""
-    global _places
-    if _places.full:
-        _places = _Places()
+    global _shared_places
+    if _shared_places is None or _shared_places.full:
+        _shared_places = _Places()
+    places = _shared_places
     still = [piece for f in fixtures for piece in f.shape.placed(f.name, f.pose)]
-    empty = StandingBoxes((), np.empty(0, dtype=np.int64), len(still), _places)
+    empty = StandingBoxes((), np.empty(0, dtype=np.int64), len(still), places)
     return empty.plus([*still, *boxes])
 
 
@@ -304,10 +308,6 @@ def standing_robot(robot: PlacedRobot, q: Array) -> list[Placed]:
 
     key = robot.model, robot.name, robot.base.tobytes(), q.tobytes()
     return _STANDS.get(key, collect)
-
-
-Sorted = tuple[list[Held], StandingBoxes]
-"""The objects that robots hold; fixtures and objects at rest."""
 
 
 class _SortedObjects:

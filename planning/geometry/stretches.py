@@ -34,7 +34,7 @@ class PosedStretch(NamedTuple):
             directions measured, shape (4,).
         half: joint values in the middle of the box, shape (n,).
         travel: difference of greatest and least joint values, shape (n,).
-        aside: by how much each joint is from the straight line at most, shape (n,).
+        lateral: by how much each joint is from the straight line at most, shape (n,).
         middle, start, end: joint poses in the middle of the box and at both ends, shape
             (n + 1, 4, 4).
         strays: see ``stray``; the first two with what an error of the base adds, shape
@@ -52,7 +52,7 @@ class PosedStretch(NamedTuple):
     span: Indices
     half: Array
     travel: Array
-    aside: Array
+    lateral: Array
     middle: Array
     start: Array
     end: Array
@@ -103,7 +103,7 @@ def _pose_box(table: HullTable, first: int, last: int, out: PosedStretch) -> Non
             a, b = table.q_a[s, j], table.q_b[s, j]
             low, high = min(low, a, b), max(high, a, b)
         out.half[j], out.travel[j] = 0.5 * (low + high), high - low
-        out.aside[j] = 0.0
+        out.lateral[j] = 0.0
     pose_joints(table.robot, out.half, out.middle)
     for i in range(len(out.solid)):
         solid = int(table.solid[first, i])
@@ -127,7 +127,7 @@ def pose_stretch(table: HullTable, first: int, last: int, out: PosedStretch) -> 
     length = 0.0
     for j in range(n):
         length += (q_b[j] - q_a[j]) ** 2
-    # Between its ends each segment is no further aside than at one of them.
+    # Between its ends each segment deviates no more than at one of them.
     for s in range(first, last):
         for k in range(2):
             q = table.q_a[s] if k == 0 else table.q_b[s]
@@ -138,7 +138,7 @@ def pose_stretch(table: HullTable, first: int, last: int, out: PosedStretch) -> 
                 share = min(max(share / length, 0.0), 1.0)
             for j in range(n):
                 off = abs(q[j] - q_a[j] - share * (q_b[j] - q_a[j]))
-                out.aside[j] = max(out.aside[j], off)
+                out.lateral[j] = max(out.lateral[j], off)
 
 
 @inner_kernel
@@ -149,7 +149,7 @@ def measure_deviation(table: HullTable, solid: int, stretch: PosedStretch) -> No
     stretch.known[solid] = stretch.span[2]
     strays = stretch.strays
     strays[solid, 0], strays[solid, 1], strays[solid, 2] = deviation_bound(
-        table, solid, stretch.travel, stretch.aside, stretch.middle
+        table, solid, stretch.travel, stretch.lateral, stretch.middle
     )
     off = deviation_bound_with_base(table, solid, stretch.middle)
     if off > 0.0:

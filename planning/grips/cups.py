@@ -28,8 +28,11 @@ _TRUE = 5e-4
 
 def with_cup(rules: GripRules, robot: PlacedRobot) -> GripRules:
     """Return rules with the cup size found from the shapes of a tool, unless they state one."""
-    told = rules.cup is not None or rules.frame not in {"flange", *robot.model.frames}
-    if not rules.suction or robot.model.grip is None or told:
+    explicit = rules.cup is not None or rules.frame not in {
+        "flange",
+        *robot.model.frames,
+    }
+    if not rules.suction or robot.model.grip is None or explicit:
         return rules
     # Of fingers that are said to hold as a cup does, the position of the cup is unknown.
     tip = robot.model.frame_in_last_joint(rules.frame)

@@ -59,13 +59,13 @@ class PadLoad:
     """Load on two pads, and the load that friction can carry.
 
     Attributes:
-        lever: distance of the centre of mass from the axis of the pads, where gravity turns
+        moment_arm: distance of the centre of mass from the axis of the pads, where gravity turns
             the part about it [m].
         force, torque: of the weight on them: along the pads [N], about their axis [N m].
         most_force, most_torque: that friction bears, each alone.
     """
 
-    lever: float
+    moment_arm: float
     force: float
     torque: float
     most_force: float
@@ -99,9 +99,9 @@ def _pad_load(
     at, axis = grip @ inverse(tip), grip[:3, 1]
     middles, radii = [], []
     for bodies, pad, sign in zip(sides, pads.sides, (-1.0, 1.0), strict=True):
-        if pad.way is None:
+        if pad.travel is None:
             return None
-        closed = translation(*(pad.way * sign * axis).tolist()) @ at
+        closed = translation(*(pad.travel * sign * axis).tolist()) @ at
         points = [np.empty((0, 3))]
         for body in bodies:
             for piece in shape.pieces:
@@ -247,8 +247,8 @@ def _swept(
         return None
     moved: dict[ConvexBody, ConvexBody] = {}
     for bodies, pad, sign in zip(sides, pads.sides, (-1.0, 1.0), strict=True):
-        if pad.way is not None and pad.way - short > _LEAST_WAY:
-            displacement = sign * (pad.way - short) * tip[:3, 1]
+        if pad.travel is not None and pad.travel - short > _LEAST_WAY:
+            displacement = sign * (pad.travel - short) * tip[:3, 1]
             moved |= {body: _along(body, displacement) for body in bodies}
     if not moved:
         return None

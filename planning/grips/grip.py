@@ -123,13 +123,13 @@ def box_grips(
     """
     longest = int(np.argmax(size))
     out: list[tuple[float, Grip]] = []
-    for face, side, closing, way in product(range(3), (1, -1), range(3), (1, -1)):
+    for face, side, closing, sign in product(range(3), (1, -1), range(3), (1, -1)):
         if face == closing or not rules.spans(size[closing]):
             continue
         along = 3 - face - closing
         offsets = rules.offsets(float(size[along])) if along == longest else [0.0]
         into, across = np.zeros(3), np.zeros(3)
-        into[face], across[closing] = -side, way
+        into[face], across[closing] = -side, sign
         turn = tool_turn(into, across)
         for offset, tilt in product(offsets, dict.fromkeys(rules.tilts)):
             pose = np.eye(4)
@@ -140,7 +140,7 @@ def box_grips(
             # From the middle towards the face that the tool comes from.
             pose[face, 3] = side * max(0.0, 0.5 * size[face] - rules.depth)
             words = f"grip {offset * 1e3:+.0f} mm from {'+' if side > 0 else '-'}{'xyz'[face]}"
-            words += " turned" if way < 0 else ""
+            words += " turned" if sign < 0 else ""
             words += f" leaning {np.degrees(tilt):+.0f} deg" if tilt else ""
             out.append((abs(offset), Grip(read_only_copy(pose), words)))
     return [grip for _, grip in sorted(out, key=lambda entry: round(entry[0], 9))]

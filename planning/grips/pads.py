@@ -58,12 +58,12 @@ class Pad:
     """Contact of the fingers of one side of a tool with a part.
 
     Attributes:
-        way: travel until one of them touches it; negative for an overlap, None if none does [m].
+        travel: travel until one of them touches it; negative for an overlap, None if none does [m].
         miss: from where they pass it nearest to the part there, along the axes of the tool frame:
             across, closing, depth, shape (3,); zero where they touch it [m].
     """
 
-    way: float | None
+    travel: float | None
     miss: Array
 
 
@@ -82,7 +82,7 @@ class Pads:
     @property
     def off(self) -> float | None:
         """Offset of the part from the middle, along y; None where a side does not touch it [m]."""
-        first, second = (pad.way for pad in self.sides)
+        first, second = (pad.travel for pad in self.sides)
         return None if first is None or second is None else 0.5 * (second - first)
 
 
@@ -92,11 +92,11 @@ class Cup:
 
     Attributes:
         gap: between the tool and the part, along all directions; negative if they overlap [m].
-        beside: offset of the tool frame from the cup at the part, along x and y, shape (2,) [m].
+        offset: offset of the tool frame from the cup at the part, along x and y, shape (2,) [m].
     """
 
     gap: float
-    beside: Array
+    offset: Array
 
 
 def finger_sides(model: RobotModel, tip: Transform) -> Sides | None:
@@ -185,9 +185,9 @@ def _pad(
     moves.sort(key=lambda move: move.at_least)
     for margin in (0.0, BESIDE):
         directions = [
-            way
+            travel
             for move in moves
-            if move.at_least <= margin and (way := move.way(margin)) is not None
+            if move.at_least <= margin and (travel := move.travel(margin)) is not None
         ]
         if directions:
             return Pad(min(directions), np.zeros(3))
@@ -245,28 +245,28 @@ class _Move:
         behind = float((piece.vertices @ closing).min() - (corners @ closing).max())
         return cls(body, shape, at, closing, min(0.0, behind), most, at_least)
 
-    def gap(self, way: float) -> tuple[float, Array]:
+    def gap(self, travel: float) -> tuple[float, Array]:
         """Return the distance after a displacement, and the direction from the body to the piece [m]."""
-        pose = coal.Transform3s(self.at[:3, :3], self.at[:3, 3] + way * self.closing)
+        pose = coal.Transform3s(self.at[:3, :3], self.at[:3, 3] + travel * self.closing)
         result, still = coal.DistanceResult(), coal.Transform3s()
         request = coal.DistanceRequest()
         gap = coal.distance(self.body, pose, self.piece, still, request, result)
         return float(gap), np.asarray(result.normal)
 
-    def way(self, margin: float) -> float | None:
+    def travel(self, margin: float) -> float | None:
         """Return the travel of the body until it is within a distance of the piece; None if it never is [m].
 
         Nothing is skipped: along the way, a plane between both is no nearer than the step goes.
         """
-        way = self.start
+        travel = self.start
         for _ in range(_MOST_STEPS):
-            gap, normal = self.gap(way)
+            gap, normal = self.gap(travel)
             if gap <= margin + _TOUCHES:
-                return way
+                return travel
             ahead = float(normal @ self.closing)
-            if ahead <= 0.0 or way >= self.most:
+            if ahead <= 0.0 or travel >= self.most:
                 return None
-            way = min(way + (gap - margin) / ahead, self.most)
+            travel = min(travel + (gap - margin) / ahead, self.most)
         return None
 
     def nearest(self) -> tuple[float, Array]:
@@ -315,8 +315,8 @@ def _cup(
     near = max(least, TO_CUP) + _TOUCHES
     touching = [b.vertices for b, gap in zip(bodies, gaps, strict=True) if gap <= near]
     across = ((np.vstack(touching) - tip[:3, 3]) @ tip[:3, :3])[:, :2]
-    beside = np.maximum(0.0, np.maximum(across.min(axis=0), -across.max(axis=0)))
-    return Cup(least, beside)
+    offset = np.maximum(0.0, np.maximum(across.min(axis=0), -across.max(axis=0)))
+    return Cup(least, offset)
 
 
 def explain_not_held(
@@ -351,9 +351,9 @@ def _off_cup(cup: Cup, tool: str, part: str) -> Iterator[str]:
             f"{tool} ends {_mm(cup.gap)} away from {part}, and must be at it to {_mm(TO_CUP)}:"
             " move its tcp to the cup"
         )
-    elif cup.beside.max() > TO_CUP:
+    elif cup.offset.max() > TO_CUP:
         yield (
-            f"the tcp of {tool} is {_mm(cup.beside.max())} beside what is at {part}, and may be"
+            f"the tcp of {tool} is {_mm(cup.offset.max())} beside what is at {part}, and may be"
             f" {_mm(TO_CUP)}: move it to the middle of the cup"
         )
 
@@ -362,7 +362,7 @@ def _off_pads(pads: Pads, tool: str, part: str) -> Iterator[str]:
     """Yield the faults of finger contacts on a part, by direction."""
     off = pads.off
     if off is None:
-        missed = [pad.miss for pad in pads.sides if pad.way is None]
+        missed = [pad.miss for pad in pads.sides if pad.travel is None]
         miss = max(missed, key=lambda miss: float(miss @ miss))
         who = "the fingers of" if len(missed) == 2 else "a finger of"
         close = "close" if len(missed) == 2 else "closes"

@@ -136,15 +136,15 @@ def _turns_about(element: Element, rules: GripRules) -> Iterator[Array]:
     if isinstance(form, Box | Mesh):
         axes = _face_directions(form) if isinstance(form, Mesh) else np.eye(3)
         for y in [*axes, *(-axes)]:
-            aside = _across(y, axes)
-            other = np.cross(y, aside)
-            yield from (tool_turn(c * aside + s * other, y) for c, s in turns)
+            side = _across(y, axes)
+            other = np.cross(y, side)
+            yield from (tool_turn(c * side + s * other, y) for c, s in turns)
         return
     # Fingers close across the axis, the tool from any side or from an end; or along it.
     axis = np.array([0.0, 0.0, 1.0])
     for c, s in turns:
-        aside, around = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
-        for z, y in ((-aside, around), (-aside, axis), (axis, aside), (-axis, aside)):
+        side, around = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
+        for z, y in ((-side, around), (-side, axis), (axis, side), (-axis, side)):
             yield tool_turn(z, y)
             yield tool_turn(z, -y)
 
@@ -152,12 +152,12 @@ def _turns_about(element: Element, rules: GripRules) -> Iterator[Array]:
 def _across(y: Array, axes: Array) -> Array:
     """Return a direction perpendicular to another one: along a face of the part, if there is one."""
     for axis in axes:
-        aside = axis - (axis @ y) * y
-        length = float(np.linalg.norm(aside))
+        side = axis - (axis @ y) * y
+        length = float(np.linalg.norm(side))
         if length > 0.5:
-            return np.asarray(aside / length)
-    aside = np.cross(y, [1.0, 0.0, 0.0] if abs(y[0]) < 0.9 else [0.0, 1.0, 0.0])
-    return np.asarray(aside / np.linalg.norm(aside))
+            return np.asarray(side / length)
+    side = np.cross(y, [1.0, 0.0, 0.0] if abs(y[0]) < 0.9 else [0.0, 1.0, 0.0])
+    return np.asarray(side / np.linalg.norm(side))
 
 
 def _face_directions(mesh: Mesh) -> Array:

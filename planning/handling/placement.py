@@ -88,7 +88,7 @@ class PlannedPlacement:
     Attributes:
         item: name of the object.
         pick: its pick.
-        between: how it changes hands on its way: how it is laid down and taken up again, or
+        between: how it changes hands on its way: how it is laid down and picked again, or
             handed over; None if it does not.
         place: how it is put in its place.
         support: what another robot does meanwhile, None for nothing.
@@ -155,12 +155,12 @@ def write_release(
         begun, done: the first and the last task of the work that it is for.
     """
     path = support.skill.path
-    way = path.waypoints[-2::-1]
+    waypoints = path.waypoints[-2::-1]
     if support.straight:
-        straight = SkillPath(TaskKind.STRAIGHT, path.robot, path.path[-1:], way)
+        straight = SkillPath(TaskKind.STRAIGHT, path.robot, path.path[-1:], waypoints)
         back = [build.skill(straight, support.leaving, support.item, lets_go=True)]
     else:
-        back = [build.transit(path.robot, q, support.leaving) for q in way]
+        back = [build.transit(path.robot, q, support.leaving) for q in waypoints]
     build.home(path.robot)
     build.depend(held, begun)
     build.depend(done, back[0])
@@ -198,27 +198,27 @@ def _write_put(build: StepWriter, item: str, taken: int, put: PlannedSkill) -> i
 
 
 def _write_handover(
-    build: StepWriter, item: str, picked: int, way: PlannedHandover
+    build: StepWriter, item: str, picked: int, handover: PlannedHandover
 ) -> int:
     """Write the handover of a picked object; return how the receiver takes it away."""
-    found, meeting = way.handover, way.handover.meeting
+    found, meeting = handover.handover, handover.handover.meeting
     giver, receiver = meeting.giver.name, meeting.receiver.name
-    aside = not np.array_equal(meeting.rest, meeting.giver.home)
+    retreats = not np.array_equal(meeting.rest, meeting.giver.home)
     build.transit(receiver, found.pre, "to the handover")
     ready = build.transit(receiver, found.receive, "ready to receive")
-    if aside:
+    if retreats:
         build.transit(giver, meeting.rest, f"{item} to the handover", item)
     build.lead_in(found.give, f"{item} to {receiver}", item)
-    given = build.skill(found.give, f"hand over {item}", item, receiver, way.pose)
+    given = build.skill(found.give, f"hand over {item}", item, receiver, handover.pose)
     build.depend(ready, given)
     # The receiver stands at the end of its task "ready" while the object is brought.
     build.allow_carried(giver, item, picked, given, ready)
-    if aside:
+    if retreats:
         build.transit(giver, meeting.rest, "back from the handover")
     build.home(giver)
     taken = build.transit(receiver, found.pre, f"take {item}", item)
     build.depend(given, taken)
     build.allow_carried(receiver, item, taken, taken, ready, given)
-    if way.by_home:
+    if handover.by_home:
         build.home(receiver, item)
     return taken

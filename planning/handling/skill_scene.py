@@ -32,9 +32,6 @@ Placed = tuple[CellObject, Attachment]
 Objects = Mapping[str, Placed]
 """Objects by name, and where they are."""
 
-IN_IT = (Phase.UNTIL_CHANGE, Phase.SINCE_CHANGE)
-"""Phases of the skill itself."""
-
 
 @dataclass(frozen=True)
 class SkillScene:
@@ -127,8 +124,8 @@ class SkillScene:
             WorldState(self.configurations, {}),
             allowed,
             margin=MARGIN,
-            amid=(self._held_by(robot, after=after), around),
-            deviating=(path.waypoints, error) if error and phase in IN_IT else None,
+            surroundings=(self._held_by(robot, after=after), around),
+            deviating=(path.waypoints, error) if error and phase.in_skill else None,
         )
 
     @cached_property

@@ -12,7 +12,7 @@ from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import Solid, hull_distance_at
 from planning.geometry.robot_bodies import entity_name
 from planning.geometry.scene_checker import BodyPair, SceneChecker
-from planning.handling.skill_scene import IN_IT, SkillScene
+from planning.handling.skill_scene import SkillScene
 from planning.handling.skill_targets import SkillTargets, skill_postures
 from planning.steps.skill import Obstruction, Phase, SkillPath, contacts_with
 from planning.transforms import Array, inverse
@@ -122,7 +122,7 @@ class SkillTrial:
             if k == change:
                 phase = Phase.SINCE_CHANGE
             while not self._checker(phase).motion_free(q_a, q_b):
-                yield self._on_the_way(phase, q_a, q_b)
+                yield self._path_obstruction(phase, q_a, q_b)
         while found := self._at(-1, Phase.AFTER):
             yield found
 
@@ -137,7 +137,7 @@ class SkillTrial:
         words = f"{contact} {phase.value}"
         return Obstruction(words, contact.obstacle, phase, contact.moving)
 
-    def _on_the_way(self, phase: Phase, q_a: Array, q_b: Array) -> Obstruction:
+    def _path_obstruction(self, phase: Phase, q_a: Array, q_b: Array) -> Obstruction:
         for t in np.linspace(0.0, 1.0, 9)[::-1]:
             contact = self._checker(phase).contact(q_a + t * (q_b - q_a))
             if contact is not None:
@@ -153,10 +153,10 @@ class SkillTrial:
             found = next(self._obstructions, None)
         found = self._pressed_into() if found is None else self._explained(found)
         if found is not None and found.phase is None:
-            self.hindrance = self._deep_in(found.by)
+            self.hindrance = self._overlap_obstacle(found.by)
         return found
 
-    def _deep_in(self, name: str | None) -> PathObstacle | None:
+    def _overlap_obstacle(self, name: str | None) -> PathObstacle | None:
         """Return a waypoint at which the tool goes deeper into an object than ever allowed."""
         tool, path = self._scene.tool, self.path.waypoints
         if tool is None or name not in self._near.names[self._near.fixtures :]:
@@ -210,12 +210,12 @@ class SkillTrial:
         if tool is None:
             return None
         hand = entity_name(self.path.robot, "tool")
-        beside = {
+        touchable = {
             name for pair in scene.contacts.during if hand in pair for name in pair
         }
         checker = self._checker(Phase.UNTIL_CHANGE)
         there = frozenset(self._near.names[self._near.fixtures :])
-        for name in sorted(beside & there - frozenset(self.gone)):
+        for name in sorted(touchable & there - frozenset(self.gone)):
             if checker.tool_comes_within(self.path.waypoints, name, -tool.pressing):
                 deep = f"more than {tool.pressing * 1e3:g} mm"
                 return Obstruction(f"the tool would press {deep} into {name}", name)
@@ -242,7 +242,7 @@ class SkillTrial:
             return scene.checker(self.path, self._near, phase, allowed)
         changed = scene.handed is not None
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and changed
-        deviates = phase in IN_IT and self.path.skill in scene.cell.deviations
+        deviates = phase.in_skill and self.path.skill in scene.cell.deviations
         if (after, deviates) not in self._built:
             built = scene.checker(self.path, self._near, phase, allowed)
             self._built[after, deviates] = built
@@ -276,7 +276,7 @@ class ResolvedSkill:
 
 def resolve_skill(
     robot: PlacedRobot,
-    ways: Iterable[SkillTargets],
+    alternatives: Iterable[SkillTargets],
     scene: SkillScene,
     loose: Collection[str] = (),
 ) -> ResolvedSkill | Obstruction:
@@ -284,7 +284,7 @@ def resolve_skill(
 
     Args:
         robot: the robot.
-        ways: poses to reach in order, for each alternative.
+        alternatives: poses to reach in order, for each alternative.
         scene: of the skill.
         loose: names of objects that may be gone by then, removed where no posture is free.
 
@@ -294,8 +294,8 @@ def resolve_skill(
     """
     hindrances: list[PathObstacle] = []
     reason: Obstruction | None = None
-    for targets in ways:
-        found = _in_a_posture(
+    for targets in alternatives:
+        found = _resolve_posture(
             robot, targets, scene, loose, hindrances, whether=reason is not None
         )
         if not isinstance(found, Obstruction):
@@ -305,7 +305,7 @@ def resolve_skill(
     return reason
 
 
-def _in_a_posture(
+def _resolve_posture(
     robot: PlacedRobot,
     targets: SkillTargets,
     scene: SkillScene,

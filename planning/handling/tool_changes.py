@@ -102,12 +102,12 @@ def _with_tool(robot: PlacedRobot, tool: str | None) -> PlacedRobot:
         return robot
     if tool is None:
         models = tuple(own.model for own in robot.tools)
-        return replace(robot, model=_all_at_once(robot.model, models))
+        return replace(robot, model=_with_all_tools(robot.model, models))
     return next(own for own in with_each_tool([robot]) if own.tool == tool)
 
 
 @lru_cache(maxsize=64)
-def _all_at_once(arm: RobotModel, models: tuple[RobotModel, ...]) -> RobotModel:
+def _with_all_tools(arm: RobotModel, models: tuple[RobotModel, ...]) -> RobotModel:
     """Return a robot with the bodies of several tools, as an obstacle for others."""
     tools = [p for model in models for p in model.parts if p.group == "tool"]
     return replace(arm, parts=(*arm.parts, *tools))
@@ -177,10 +177,10 @@ class ToolChanges:
             (old, TaskKind.LEAVE_TOOL, "leave"),
             (new, TaskKind.TAKE_TOOL, "take"),
         ):
-            way = self.paths[robot, name]
-            path, stop = way.path, way.path.path[-1:]
+            rack = self.paths[robot, name]
+            path, stop = rack.path, rack.path.path[-1:]
             holder, pose = (
-                (None, way.tool.rack) if name == old else (robot, way.tool.mount)
+                (None, rack.tool.rack) if name == old else (robot, rack.tool.mount)
             )
             build.lead_in(path, f"to the rack of {name}")
             into = build.skill(path, f"into the rack of {name}", name)
@@ -188,7 +188,7 @@ class ToolChanges:
             done = build.skill(change, f"{verb} {name}", name, holder, pose)
             back = SkillPath(TaskKind.STRAIGHT, robot, stop, path.waypoints[-2::-1])
             out = build.skill(back, f"out of the rack of {name}", name)
-            build.allow(way.contacts, into, done, out)
+            build.allow(rack.contacts, into, done, out)
         build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}")
 
     def allow_mounted(self, build: StepWriter, mounted: Mapping[str, str]) -> None:

@@ -49,12 +49,11 @@ def chain_table(chain: KinematicChain, lower: Array, upper: Array) -> JointTable
     return packed(table)
 
 
-NO_JOINTS = chain_table(
-    KinematicChain(np.empty((0, 4, 4)), np.empty((0, 3)), np.empty(0, dtype=np.bool_)),
-    np.empty(0),
-    np.empty(0),
-)
-"""Carries what nothing carries."""
+@cache
+def empty_chain_table() -> JointTable:
+    """Return the joints of what no robot carries: none."""
+    none = np.empty((0, 4, 4)), np.empty((0, 3)), np.empty(0, dtype=np.bool_)
+    return chain_table(KinematicChain(*none), np.empty(0), np.empty(0))
 
 
 @cache

@@ -64,12 +64,12 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTrian
         faces = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
     except ModuleNotFoundError:  # it takes the bytes for text, and guesses its encoding
         raise ShapeError(
-            f"mesh {path} is cut off, or not written as {path.suffix[1:].upper()}: export it anew"
+            f"mesh {path} is cut off, or not written as {path.suffix[1:].upper()}: export it again"
         ) from None
     # Its readers raise whatever the bytes lead them to.
     except Exception as error:
         raise ShapeError(
-            f"mesh {path} cannot be read as {path.suffix[1:].upper()} ({error}): export it anew"
+            f"mesh {path} cannot be read as {path.suffix[1:].upper()} ({error}): export it again"
         ) from None
     if len(faces) == 0:
         raise ShapeError(
@@ -81,10 +81,10 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTrian
         )
     if not np.all(np.isfinite(vertices)):
         raise ShapeError(
-            f"mesh {path} has coordinates that are no finite numbers: export it anew"
+            f"mesh {path} has coordinates that are no finite numbers: export it again"
         )
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ShapeError(f"mesh {path} has triangles without corners: export it anew")
+        raise ShapeError(f"mesh {path} has triangles without corners: export it again")
     triangles = _merged(vertices * (1.0 if scale is None else scale), faces)
     _require_size(path, triangles, scale)
     return triangles
@@ -137,7 +137,7 @@ def _merged(vertices: Array, faces: Indices) -> MeshTriangles:
 def _require_size(path: Path, triangles: MeshTriangles, scale: float | None) -> None:
     if len(triangles.faces) == 0:
         raise ShapeError(
-            f"mesh {path} has only triangles without an area: export it anew"
+            f"mesh {path} has only triangles without an area: export it again"
         )
     edges = np.ptp(triangles.vertices, axis=0)
     measures = " x ".join(f"{edge:.3g}" for edge in edges) + " m"

@@ -139,11 +139,11 @@ def _without_turns(apart: Array, turning: np.ndarray) -> Array:
     return np.where(turning, least, apart)
 
 
-def least_load(ways: list[AlternativeLoad], unlimited: frozenset[str]) -> float:
+def least_load(alternatives: list[AlternativeLoad], unlimited: frozenset[str]) -> float:
     """Return the least load of the busiest robot when steps and objects are shared out freely [s].
 
     Args:
-        ways: alternatives of the steps.
+        alternatives: alternatives of the steps.
         unlimited: objects that may be used more than once.
     """
     model = pulp.LpProblem("load", pulp.LpMinimize)
@@ -152,7 +152,7 @@ def least_load(ways: list[AlternativeLoad], unlimited: frozenset[str]) -> float:
     of_step: dict[int, list[Any]] = defaultdict(list)
     of_object: dict[str, list[Any]] = defaultdict(list)
     of_robot: dict[str, list[tuple[Any, float]]] = defaultdict(list)
-    for number, alternative in enumerate(ways):
+    for number, alternative in enumerate(alternatives):
         share = model.add_variable(f"w{number}", 0, 1)
         of_step[alternative.step].append(share)
         if alternative.object not in unlimited:

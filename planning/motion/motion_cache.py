@@ -35,11 +35,11 @@ class Scene:
     """Surroundings of a moving robot.
 
     Attributes:
-        amid: other robots, held objects, allowed contacts, and objects that change hands.
+        obstacles: other robots, held objects, allowed contacts, and objects that change hands.
         standing: all else at rest, by shape and place: a bit for each.
     """
 
-    amid: Hashable
+    obstacles: Hashable
     standing: int
 
 
@@ -73,13 +73,13 @@ class SceneIndex:
         special |= {handling.object for handling in handlings}
         special |= state.attachments.keys() - at_rest.keys()
         special &= objects.keys()
-        # Objects are told apart by where they are.
+        # Objects are distinguished by their poses.
         things = sorted(
             (_place(state.attachments.get(name)), self._shape(objects[name]), name)
             for name in special
         )
         role = {name: f"{k}" for k, (_, _, name) in enumerate(things)}
-        amid = (
+        obstacles = (
             _joint_values(state.configurations),
             tuple((place, shape) for place, shape, _ in things),
             tuple(
@@ -95,7 +95,7 @@ class SceneIndex:
         for name, number in at_rest.items():
             if name not in special:
                 standing |= 1 << number
-        return Scene(amid, standing)
+        return Scene(obstacles, standing)
 
     def _objects_of(self, cell: Workcell) -> dict[str, CellObject]:
         if cell.objects is not self._objects[0]:
@@ -144,7 +144,7 @@ def _place(at: Attachment | None) -> tuple[str, bytes]:
 class CachedPath:
     """A path, and whether it depends on nothing but being free."""
 
-    way: Polyline
+    path: Polyline
     plain: bool
 
 
@@ -164,7 +164,7 @@ class MotionCache:
         default_factory=lambda: BoundedCache(_MOST_ANSWERS)
     )
 
-    def way(
+    def path(
         self,
         moving: Hashable,
         scene: Scene,
@@ -182,7 +182,7 @@ class MotionCache:
         Raises:
             TransitError: there is none, or none was found in this scene before.
         """
-        alike = moving, scene.amid
+        alike = moving, scene.obstacles
         clear = self._clear.get(alike)
         if clear is not None and scene.standing & ~clear[1] == 0:
             return clear[0]
@@ -194,8 +194,8 @@ class MotionCache:
                 # A copy, as an error that was raised keeps its whole stack.
                 return copy(error)
             if found.plain:
-                self._note_clear(alike, found.way, scene.standing)
-            return found.way
+                self._note_clear(alike, found.path, scene.standing)
+            return found.path
 
         known = self._found.get((moving, scene, seed), ask)
         if isinstance(known, TransitError):

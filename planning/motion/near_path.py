@@ -33,11 +33,11 @@ def nearest_points_on_path(points: Array, q: Array) -> NearPath:
         q: the others, shape (k, n).
     """
     begins = points[: max(len(points) - 1, 1)]
-    ways = points[1:] - begins if len(points) > 1 else np.zeros_like(begins)
-    squares = np.maximum((ways**2).sum(axis=1), 1e-18)
+    displacements = points[1:] - begins if len(points) > 1 else np.zeros_like(begins)
+    squares = np.maximum((displacements**2).sum(axis=1), 1e-18)
     here = q[:, None]
-    share = np.clip(((here - begins) * ways).sum(axis=2) / squares, 0.0, 1.0)
-    near = begins + share[:, :, None] * ways
+    share = np.clip(((here - begins) * displacements).sum(axis=2) / squares, 0.0, 1.0)
+    near = begins + share[:, :, None] * displacements
     off = np.abs(near - here).max(axis=2)
     leg = off.argmin(axis=1)
     row = np.arange(len(leg))

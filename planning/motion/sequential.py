@@ -246,16 +246,16 @@ def _way_of(
             ends, seconds = cut
             times = np.concatenate([[0.0], np.cumsum(seconds)])
             return CachedPath((np.vstack([path[:1], ends]), times), len(path) <= 2)
-        return CachedPath(_skill_way(cell, task, phases, settings), plain=True)
+        return CachedPath(_skill_path(cell, task, phases, settings), plain=True)
 
     if known is None:
-        return work_out().way
+        return work_out().path
     pairs = [phase.pairs for phase in phases]
     scene = known.scenes.scene(cell, now.state, pairs, task.handlings)
     seconds = None if task.kind == TaskKind.TRANSIT else settings.seconds_of(cell, task)
     stands = settings.still_seconds(task)
     moving = task.robot, task.kind, task.path.tobytes(), seconds, stands
-    return known.way(moving, scene, seed, work_out)
+    return known.path(moving, scene, seed, work_out)
 
 
 @dataclass(frozen=True)
@@ -364,7 +364,7 @@ def explain_blockage(
     return "straight on something is in the way between free configurations", None
 
 
-def _skill_way(
+def _skill_path(
     cell: Workcell, task: Task, phases: Sequence[_Phase], settings: MotionSettings
 ) -> Polyline:
     waypoints = _check_skill(cell, task, phases)

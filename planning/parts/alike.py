@@ -208,16 +208,16 @@ class PartAllocation:
         """
         found = CandidateCollector(self._cell.robots)
         for number, step in enumerate(self._steps, start=1):
-            goal, ways = step.part.name, list[PrimaryCandidate]()
+            goal, transports = step.part.name, list[PrimaryCandidate]()
             parts = [n for n in self._group[goal] if (goal, n) not in refused]
             able = [r for r in self._robots if step.step.done_by(r.name)]
             for robot in able:
                 places = self._ends(robot, number, None)
-                ways += self._ways(number, robot, parts, places)
-            if relayed or not ways:
+                transports += self._transports(number, robot, parts, places)
+            if relayed or not transports:
                 for robot in able:
-                    ways += self._ways(number, robot, parts, None)
-            found.primaries += ways
+                    transports += self._transports(number, robot, parts, None)
+            found.primaries += transports
         return found.problem(
             [f"fill the goal of {step.part.name}" for step in self._steps],
             [False] * len(self._steps),
@@ -225,7 +225,7 @@ class PartAllocation:
             changes=self._changes.costs,
         )
 
-    def _ways(
+    def _transports(
         self,
         number: int,
         robot: PlacedRobot,
@@ -287,8 +287,8 @@ class PartAllocation:
     def _barring(self, step: PartStep) -> set[str]:
         """Return the neighbours at the start that block the straight path of a part out of there."""
         own, placed = step.part.name, standing_fixtures(self._cell) | step.others
-        ways, most = self._assembly.handling(own), self._assembly.overlaps.most
-        out = -np.array(ways.extraction), ways.leave
+        handling, most = self._assembly.handling(own), self._assembly.overlaps.most
+        out = -np.array(handling.extraction), handling.leave
         there = step.part, step.part.start
         return {
             name
@@ -375,10 +375,10 @@ class PartAllocation:
         a, b = (
             (s.part, s.place) for s in (self._steps[first - 1], self._steps[second - 1])
         )
-        ways = self._assembly.handling(a[0].name)
-        if not (near := nearby_entities(a, {"": b}, ways.approach)):
+        handling = self._assembly.handling(a[0].name)
+        if not (near := nearby_entities(a, {"": b}, handling.approach)):
             return False
-        led = np.array(ways.insertion), ways.approach
+        led = np.array(handling.insertion), handling.approach
         touch = min(near.values()) <= self._assembly.touch
         return touch or sweeps_through(a, b, *led) or sweeps_through(b, a, *led)
 
@@ -417,19 +417,19 @@ def with_renamed_parts(
     )
 
 
-def goal_turns(ways: Array) -> list[tuple[int, int]]:
+def goal_turns(costs: Array) -> list[tuple[int, int]]:
     """Return for each goal its position among those of its robot, and the number of that robot.
 
     The sum of ways and loads is least: the next goal of a robot costs as much more as a goal costs in the
     mean.
 
     Args:
-        ways: distance of each robot to each goal, infinite where it cannot fill it; shape (goals, robots).
+        costs: distance of each robot to each goal, infinite where it cannot fill it; shape (goals, robots).
     """
-    goals, robots = ways.shape
-    known = np.isfinite(ways)
-    load = float(ways[known].mean()) if known.any() else 1.0
-    cost = np.where(known, ways, _NEVER)[:, :, None] + load * np.arange(goals)
+    goals, robots = costs.shape
+    known = np.isfinite(costs)
+    load = float(costs[known].mean()) if known.any() else 1.0
+    cost = np.where(known, costs, _NEVER)[:, :, None] + load * np.arange(goals)
     _, taken = linear_sum_assignment(cost.reshape(goals, robots * goals))
     counted, found = [0] * robots, []
     for robot in (taken // goals).tolist():

@@ -5,12 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TypeAlias, Union
 
 from planning.contacts.interference import Overlaps
 from planning.grips.grip import DOWN, UP, GripRules
 from planning.parts.supply import Supply
 from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Transform
+
+AnyStep: TypeAlias = Union["PlacePart", "Work", "MachineWork"]
+"""A step of an assembly of parts."""
 
 
 @dataclass(frozen=True)
@@ -142,9 +146,6 @@ class MachineWork(Step):
     def words(self) -> str:
         """Description for people."""
         return f"{self.process} {self.part}"
-
-
-AnyStep = PlacePart | Work | MachineWork
 
 
 @dataclass(frozen=True)

@@ -254,7 +254,7 @@ class PartCollector(CandidateCollector):
     def _add(
         self, item: Candidate, tries: tuple[SkillTry, ...], *paths: SkillPath
     ) -> None:
-        self.paths.alone[item], self.paths.tries[item] = paths, tries
+        self.paths.unpaired[item], self.paths.tries[item] = paths, tries
         if isinstance(item, PrimaryCandidate):
             self.primaries.append(item)
         else:

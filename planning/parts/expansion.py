@@ -38,7 +38,7 @@ from planning.tasks.task import (
     Task,
     TaskKind,
     TimeWindow,
-    is_done_to_a_product,
+    is_product_task,
 )
 from planning.transforms import Transform
 
@@ -111,18 +111,18 @@ class _Expansion:
                     step.door, self._cell.object(step.door).start
                 )
             about = step.machine, step.process, step.words, step.part, shut
-            done = build.unmoved(*about)
+            done = build.machine_task(*about)
         for earlier, last in self._candidates.paths.keeps.items():
             if last == number:
                 self._let_go(earlier, done)
         for lag in self._candidates.assembly.lags_after(step.name):
             words = f"{lag.least:g} s after {lag.step}"
-            build.unmoved(str(lag.machine), TaskKind.LAG, words, None)
+            build.machine_task(str(lag.machine), TaskKind.LAG, words, None)
         if (leaving := supply.leaves.get(number)) is not None:
             gone = tuple(
                 Handling(part, 1, Handling.GONE, pose) for part, pose in leaving.parts
             )
-            build.unmoved(leaving.machine, TaskKind.LEAVE, "leaves", None, gone)
+            build.machine_task(leaving.machine, TaskKind.LEAVE, "leaves", None, gone)
         changes.allow_mounted(build, before)
         return self._with_depths(build.build())
 
@@ -132,10 +132,10 @@ class _Expansion:
         if not isinstance(known, PartStep):
             return tasks
         part, placed = known.part, standing_fixtures(self._cell) | known.others
-        ways = self._candidates.assembly.handling(part.name)
+        handling = self._candidates.assembly.handling(part.name)
         straight = (
-            (known.place, np.array(ways.insertion), ways.approach),
-            (part.start, -np.array(ways.extraction), ways.leave),
+            (known.place, np.array(handling.insertion), handling.approach),
+            (part.start, -np.array(handling.extraction), handling.leave),
         )
         allowed = []
         for contact in tasks.allowed:
@@ -149,12 +149,12 @@ class _Expansion:
 
     def _placement(self, step: PartStep) -> PlannedPlacement:
         """Return the pick, handover, hold and place of the part."""
-        choice, part, ways = self._choice, step.part.name, self._candidates.paths
+        choice, part, paths = self._choice, step.part.name, self._candidates.paths
         *_, pick, place = self._paths
-        kept = choice.step in ways.keeps
+        kept = choice.step in paths.keeps
         if kept:
             place = replace(place, path=place.path[: place.change_at])
-        relay = ways.relays.get(choice.primary)
+        relay = paths.relays.get(choice.primary)
         between: tuple[PlannedSkill, PlannedSkill] | PlannedHandover | None = None
         if relay is None:
             first = self._pick(part, pick, step.grips[choice.grasp], step.at_start)
@@ -210,7 +210,7 @@ class _Expansion:
         targets = process_targets(step.process, known.place, turn)
         first, last = targets.first, targets.last
         (path,) = self._paths
-        way = np.vstack([path.lead, path.path])
+        waypoints = np.vstack([path.lead, path.path])
         hold = self._hold()
         held = 0 if hold is None else write_support(build, hold)
         build.lead_in(path, f"to {words}")
@@ -220,8 +220,8 @@ class _Expansion:
                 SkillPath(
                     kind,
                     robot.name,
-                    way[begin : begin + 1],
-                    way[min(begin + 1, end) : end + 1],
+                    waypoints[begin : begin + 1],
+                    waypoints[min(begin + 1, end) : end + 1],
                 ),
                 label,
                 part,
@@ -229,7 +229,7 @@ class _Expansion:
             for kind, begin, end, label in (
                 (TaskKind.STRAIGHT, 0, first, f"approach to {words}"),
                 (step.process.name, first, last, words),
-                (TaskKind.STRAIGHT, last, len(way) - 1, f"back from {words}"),
+                (TaskKind.STRAIGHT, last, len(waypoints) - 1, f"back from {words}"),
             )
         )
         build.allow(contacts_with(tool_entity(robot), known.touched), begun, done, back)
@@ -309,7 +309,7 @@ def _waits_of_supply(
                 yield before[-1 - buffer], task
         elif task.kind == _PICK and task.object is not None:
             yield from history.before(task, _THERE, task.object)
-        if is_done_to_a_product(task):
+        if is_product_task(task):
             history.add(_BUILT, "", task)
             if task.step not in supply.elsewhere:
                 yield from history.before(task, _LEFT, "")

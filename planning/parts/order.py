@@ -151,7 +151,7 @@ class _AnyOrder:
         for first, then, why in (
             *self._said(),
             *self._contacts(graph),
-            *self._barred(),
+            *self._insertion_precedence(),
             *self._barred_works(),
         ):
             out.require(first, then, why)
@@ -300,7 +300,7 @@ class _AnyOrder:
             for other in sorted(covers):
                 yield at[other], at[name], f"{other} lies on {name} at the start"
 
-    def _barred(self) -> Iterator[tuple[int, int, str]]:
+    def _insertion_precedence(self) -> Iterator[tuple[int, int, str]]:
         """Yield parts that would block another part's straight insertion, or its removal from the start."""
         at, goals = self._placing, self._goals
         handled = {name: self._assembly.handling(name) for name in at}

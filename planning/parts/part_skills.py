@@ -59,35 +59,39 @@ PRESSED = 0.003
 """Allowed penetration of a process tool into its workpiece [m]."""
 
 
-def pick_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
+def pick_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillTargets:
     """Return the subgoals of picking a part up: approach, attach, lift.
 
     Args:
         frame: name of the tool frame.
         grip: pose of that frame in the world where it grips the part.
-        ways: straight displacements to the part along the tool, and out with it.
+        handling: straight displacements to the part along the tool, and out with it.
     """
-    back, lifted = grip @ translation(0.0, 0.0, -ways.approach), grip.copy()
-    lifted[:3, 3] += ways.leave * np.asarray(ways.extraction)
-    return _in_and_out("pick", frame, grip, ("approach", back), ("lift", lifted))
+    back, lifted = grip @ translation(0.0, 0.0, -handling.approach), grip.copy()
+    lifted[:3, 3] += handling.leave * np.asarray(handling.extraction)
+    return _approach_and_leave(
+        "pick", frame, grip, ("approach", back), ("lift", lifted)
+    )
 
 
-def place_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
+def place_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillTargets:
     """Return the subgoals of putting a part in place: above, detach, leave.
 
     Args:
         frame: name of the tool frame.
         grip: pose of that frame in the world where the part is in its place.
-        ways: straight displacements into its place, and back from it along the tool.
+        handling: straight displacements into its place, and back from it along the tool.
     """
-    above, back = grip.copy(), grip @ translation(0.0, 0.0, -ways.leave)
-    above[:3, 3] += -ways.approach * np.asarray(ways.insertion)
-    return _in_and_out("place-down", frame, grip, ("above", above), ("leave", back))
+    above, back = grip.copy(), grip @ translation(0.0, 0.0, -handling.leave)
+    above[:3, 3] += -handling.approach * np.asarray(handling.insertion)
+    return _approach_and_leave(
+        "place-down", frame, grip, ("above", above), ("leave", back)
+    )
 
 
-def _hold_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
+def _hold_targets(frame: str, grip: Transform, handling: PartHandling) -> SkillTargets:
     """Return the subgoals of gripping a part at rest: straight to it, hold."""
-    back = grip @ translation(0.0, 0.0, -ways.approach)
+    back = grip @ translation(0.0, 0.0, -handling.approach)
     path = straight_subgoals(frame, "approach", back, grip)
     return SkillTargets(TaskKind.HOLD, (*path, Subgoal(TaskKind.HOLD, frame, grip)))
 
@@ -160,10 +164,12 @@ def handover_targets(
     before = grip.copy()
     before[:3, 3] -= coming
     back = grip @ translation(0.0, 0.0, -leave)
-    return _in_and_out("handover", frame, grip, ("bring", before), ("leave", back))
+    return _approach_and_leave(
+        "handover", frame, grip, ("bring", before), ("leave", back)
+    )
 
 
-def _in_and_out(
+def _approach_and_leave(
     kind: str,
     frame: str,
     grip: Transform,
@@ -330,7 +336,9 @@ class PartSkills:
         )
         return SkillTry(robot, targets, scene, process.approach)
 
-    def beside(self, known: SkillTry, standing: Mapping[str, Array]) -> SkillTry:
+    def with_standing_robots(
+        self, known: SkillTry, standing: Mapping[str, Array]
+    ) -> SkillTry:
         """Return a skill trial in this cell, with some robots at given configurations, shape (n,) each."""
         at = {**self._at_home, **standing}
         scene = replace(known.scene, cell=self.cell, configurations=at)

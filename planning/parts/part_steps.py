@@ -235,11 +235,23 @@ def require_clear_insertion(
     for number, step in enumerate(steps, start=1):
         if not isinstance(step, PartStep):
             continue
-        part, ways = step.part, assembly.handling(step.part.name)
+        part, handling = step.part, assembly.handling(step.part.name)
         placed = standing_fixtures(cell) | step.others
         for place, touched, direction, length, words in (
-            (step.place, step.touched, np.array(ways.insertion), ways.approach, _IN),
-            (part.start, step.at_start, -np.array(ways.extraction), ways.leave, _OUT),
+            (
+                step.place,
+                step.touched,
+                np.array(handling.insertion),
+                handling.approach,
+                _IN,
+            ),
+            (
+                part.start,
+                step.at_start,
+                -np.array(handling.extraction),
+                handling.leave,
+                _OUT,
+            ),
         ):
             for other in sorted(touched):
                 most = assembly.overlaps.most(part.name, other)
@@ -384,7 +396,7 @@ class PartFit:
     @property
     def words(self) -> str:
         """Description for people: ``peg in block: 0.21 mm on all sides``."""
-        return f"{self.part} in {' and '.join(self.play.beside)}: {self.play.words}"
+        return f"{self.part} in {' and '.join(self.play.guides)}: {self.play.words}"
 
 
 def part_fits(cell: Workcell, assembly: PartAssembly) -> Iterator[PartFit]:

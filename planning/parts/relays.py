@@ -157,17 +157,17 @@ def find_relays(
         _Passing(skills_with(NO_TOOLS.union(*map(mounted_tool, robots))), step)
         for robots in chosen
     ]
-    for find in (_Passing.laid_down, _Passing.handed_over):
+    for find in (_Passing.intermediate_placements, _Passing.handed_over):
         found: list[tuple[Relay, Tools]] = []
         known: set[tuple[str, str, Tools]] = set()
         for robots, passing in zip(chosen, every, strict=True):
             new = set()
-            for way in sorted(find(passing), key=lambda way: way.cost):
-                own = (mounted_tool(r) for r in robots if r.name in way.robots)
+            for relay in sorted(find(passing), key=lambda relay: relay.cost):
+                own = (mounted_tool(r) for r in robots if r.name in relay.robots)
                 tools = NO_TOOLS.union(*own)
-                if (*way.robots, tools) not in known:
-                    new.add((*way.robots, tools))
-                    found.append((way, tools))
+                if (*relay.robots, tools) not in known:
+                    new.add((*relay.robots, tools))
+                    found.append((relay, tools))
             known |= new
         if found:
             break
@@ -185,11 +185,11 @@ class _Passing:
     def __init__(self, skills: PartSkills, step: PartStep) -> None:
         self._skills, self._step = skills, step
         self._cell, self._assembly = skills.cell, skills.assembly
-        self._ways = self._assembly.handling(step.part.name)
+        self._handling = self._assembly.handling(step.part.name)
         self._picks = self._ends(skills.pick, step.part.start)
         self._places = self._ends(skills.place, step.place)
 
-    def laid_down(self) -> Iterator[Relay]:
+    def intermediate_placements(self) -> Iterator[Relay]:
         """Yield relays with the part laid down in between, one per place."""
         if not self._picks or not self._places:
             return
@@ -202,7 +202,7 @@ class _Passing:
             if not laid:
                 continue
             up = self._through(self._skills.pick, taken, rest, self._places)
-            ways = [
+            relays = [
                 Relay(
                     give,
                     take,
@@ -212,9 +212,9 @@ class _Passing:
                 )
                 for (give, down), (take, again) in product(laid, up)
             ]
-            if ways:
+            if relays:
                 count += 1
-                yield min(ways, key=lambda way: way.cost)
+                yield min(relays, key=lambda relay: relay.cost)
             if count == _ENOUGH:
                 return
 
@@ -226,8 +226,8 @@ class _Passing:
         """
         for giver, receiver in permutations(self._cell.robots, 2):
             tries = islice(self._meetings(giver, receiver), _MOST_MEETINGS)
-            ways = (self._handover(*meeting) for meeting in tries)
-            yield from islice((way for way in ways if way is not None), 1)
+            relays = (self._handover(*meeting) for meeting in tries)
+            yield from islice((relay for relay in relays if relay is not None), 1)
 
     def _ends(self, skill: Skill, at: Transform) -> list[RelayEnd]:
         """Return picks, or placements, of the part at its current place, a few per robot."""
@@ -237,7 +237,7 @@ class _Passing:
             if heavy or not step.step.done_by(robot.name):
                 continue
             count = 0
-            found = robot_grips(robot, step.part.shape, at, at, self._ways.grips)
+            found = robot_grips(robot, step.part.shape, at, at, self._handling.grips)
             frame, friction = self._assembly.frame, self._assembly.friction
             own = dict(enumerate(found))
             firm = firm_grips(robot, step.part, own, frame, (at,), friction)
@@ -263,7 +263,7 @@ class _Passing:
     ) -> list[tuple[RelayEnd, RelayEnd]]:
         """Return the ends whose robots also reach the intermediate place, one grip each."""
         robots = {end.robot.name: end.robot for end in ends}
-        about = step.part.shape, rest.pose, rest.pose, self._ways.grips
+        about = step.part.shape, rest.pose, rest.pose, self._handling.grips
         good = {
             (name, grip.pose.tobytes())
             for name, robot in robots.items()
@@ -355,8 +355,8 @@ class _Passing:
         """Return the handover of the part at a pose, None if it is blocked."""
         giver, receiver, frame = give.robot, take.robot, self._assembly.frame
         tool = at @ take.grip.pose
-        back = tool @ translation(0.0, 0.0, -self._ways.approach)
-        coming = -self._ways.approach * tool[:3, 2]
+        back = tool @ translation(0.0, 0.0, -self._handling.approach)
+        coming = -self._handling.approach * tool[:3, 2]
         meeting = MeetingPlace(
             giver,
             receiver,
@@ -366,7 +366,7 @@ class _Passing:
             at,
             Subgoal("pre-receive", frame, back),
             Subgoal("receive", frame, tool),
-            handover_targets(frame, at @ give.grip.pose, coming, self._ways.leave),
+            handover_targets(frame, at @ give.grip.pose, coming, self._handling.leave),
             giver.home,
         )
         found = find_handover(self._cell, self._step.around, meeting)

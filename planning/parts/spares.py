@@ -20,7 +20,7 @@ _MOST = 6
 
 
 def with_spares(
-    candidates: PartCandidates, number: int, there: Collection[str]
+    candidates: PartCandidates, number: int, present: Collection[str]
 ) -> PartCandidates | None:
     """Return candidates with spare parts for a step, None where there are no others.
 
@@ -28,7 +28,7 @@ def with_spares(
 
     Args:
         candidates: candidates of all steps. number: number of the step, from 1.
-        there: parts that lie where they were at the start.
+        present: parts that lie where they were at the start.
     """
     step, assembly = candidates.steps[number - 1], candidates.assembly
     if not isinstance(step, PartStep) or step.held or candidates.paths.keeps:
@@ -44,7 +44,7 @@ def with_spares(
 
     spares, primaries = dict(candidates.spares), list(candidates.problem.primaries)
     paths = candidates.paths
-    for name in sorted((set(there) & free) - known, key=far)[:_MOST]:
+    for name in sorted((set(present) & free) - known, key=far)[:_MOST]:
         around = {
             **step.around,
             name: (cell.object(name), Attachment(None, cell.object(name).start)),
@@ -64,7 +64,7 @@ def with_spares(
             found = collector.paths
             paths = replace(
                 paths,
-                alone={**paths.alone, **found.alone},
+                unpaired={**paths.unpaired, **found.unpaired},
                 tries={**paths.tries, **found.tries},
                 relays={**paths.relays, **found.relays},
             )

@@ -49,7 +49,7 @@ class StepPaths:
         skills: returns those of robots that have certain tools on them, all others at HOME.
         steps: what is done.
         keeps: by step, from 1, whose robot keeps holding what it placed, the step until which.
-        alone: pick and place, a process, or a hold, of every candidate, without holding robots.
+        unpaired: pick and place, a process, or a hold, of every candidate, without holding robots.
         tries: what the last of these paths were found by.
         relays: how the part changes hands in between, of candidates with which it does.
     """
@@ -57,7 +57,7 @@ class StepPaths:
     skills: Callable[[Tools], PartSkills]
     steps: Sequence[KnownStep]
     keeps: Mapping[int, int] = field(default_factory=dict)
-    alone: dict[Candidate, tuple[SkillPath, ...]] = field(default_factory=dict)
+    unpaired: dict[Candidate, tuple[SkillPath, ...]] = field(default_factory=dict)
     tries: dict[Candidate, tuple[SkillTry, ...]] = field(default_factory=dict)
     relays: dict[PrimaryCandidate, Relay] = field(default_factory=dict)
 
@@ -73,7 +73,7 @@ class StepPaths:
             holding: robots that hold something all the time.
             supporting: robots that hold something during the last of its skills.
         """
-        tries, found = self.tries.get(item, ()), list(self.alone.get(item, ()))
+        tries, found = self.tries.get(item, ()), list(self.unpaired.get(item, ()))
         for k, tried in enumerate(tries, len(found) - len(tries)):
             last = k == len(found) - 1
             if holders := {**holding, **(supporting if last else _NOBODY)}:
@@ -90,7 +90,7 @@ class StepPaths:
     def _beside(self, tried: SkillTry, item: Candidate, holders: Holders) -> SkillTry:
         tools = item.tools.union(*(own for _, own in holders.values()))
         at = {name: q for name, (q, _) in holders.items()}
-        return self.skills(tools).beside(tried, at)
+        return self.skills(tools).with_standing_robots(tried, at)
 
     def grip_of(self, item: PrimaryCandidate) -> Grip:
         """Return the grip with which a part is placed."""
@@ -108,7 +108,9 @@ class StepPaths:
         if (hold := self.planned_hold(plan, step)) is not None:
             supporting = {hold.robot: (hold.path[-1], choice.tools)}
         found = self.among(choice.primary, self._kept(plan, step), supporting)
-        return self.alone[choice.primary] if isinstance(found, Obstruction) else found
+        return (
+            self.unpaired[choice.primary] if isinstance(found, Obstruction) else found
+        )
 
     def planned_hold(self, plan: TaskPlan, step: int) -> SkillPath | None:
         """Return the hold of a part in a step, None if there is none."""
@@ -116,7 +118,7 @@ class StepPaths:
         if support is None:
             return None
         found = self.among(support, self._kept(plan, step))
-        return (self.alone[support] if isinstance(found, Obstruction) else found)[0]
+        return (self.unpaired[support] if isinstance(found, Obstruction) else found)[0]
 
     def _kept(self, plan: TaskPlan, step: int) -> Holders:
         """Return the robots that still hold a part placed before a step."""
@@ -147,7 +149,7 @@ class StepPaths:
         at_home = {robot.name: robot.home for robot in cell.robots}
         contacts = SkillContacts(grip, grip, NOTHING)
         scene = SkillScene(cell, there, at_home, contacts)
-        return find_obstruction(self.release(self.alone[item][-1]), scene)
+        return find_obstruction(self.release(self.unpaired[item][-1]), scene)
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ class Pairing:
         """Check the candidates of a step against the holds during it; undecided pairs are incompatible."""
         good: dict[str, Counter[str]] = defaultdict(Counter)
         for s, support in _of_step(self.found.supports, step).items():
-            at = self.paths.alone[support][0].path[-1]
+            at = self.paths.unpaired[support][0].path[-1]
             bad, _ = self._beside(
                 self._cheapest(step, support.robot),
                 f"beside {support.robot} that holds",
@@ -199,7 +201,7 @@ class Pairing:
         if (wrong := paths.blocks_release(item)) is not None:
             found.reject(item.step, f"{words}, lets go", wrong, item.robot)
             return False
-        at = paths.alone[item][-1].contact
+        at = paths.unpaired[item][-1].contact
         holding: tuple[Holders, Holders] = {item.robot: (at, item.tools)}, _NOBODY
         clashing: set[tuple[int, int]] = set()
         incompatible: set[tuple[int, int]] = set()
@@ -215,7 +217,7 @@ class Pairing:
                 incompatible |= {(p, s) for s in bad}
                 wrong, able = [wrong, *why][-1], len(bad) < len(holds)
             if not able:
-                nobody = self._nobody(item, later, wrong)
+                nobody = self._holding_rejection(item, later, wrong)
                 found.reject(item.step, words, nobody, item.robot)
                 return False
         found.clashing |= clashing
@@ -254,17 +256,17 @@ class Pairing:
                 good[item.robot] += 1
         return bad, why
 
-    def _nobody(
+    def _holding_rejection(
         self, kept: PrimaryCandidate, later: int, wrong: Obstruction | None
     ) -> Obstruction:
         """Return the rejection of a step that cannot be done while a robot keeps holding.
 
-        Where nothing of a robot that keeps holding is in the way, nobody else can do the step at all: then
+        Where nothing of a robot that keeps holding is in the way, no other robot can do the step at all: then
         that is why.
         """
         step = f"step {later} ({self.paths.steps[later - 1].step.words})"
         if wrong is not None:
-            nobody = f"nobody else could do {step} meanwhile: {wrong.words}"
+            nobody = f"no other robot could do {step} meanwhile: {wrong.words}"
             return Obstruction(nobody, wrong.by)
         reasons = Counter[str]()
         whats: dict[str, str] = {}
@@ -272,7 +274,7 @@ class Pairing:
             if item.step == later and item.robot != kept.robot:
                 reasons[item.reason] += 1
                 whats.setdefault(item.reason, item.what)
-        why = f"nobody else can do {step}"
+        why = f"no other robot can do {step}"
         if reasons:
             reason, _ = reasons.most_common(1)[0]
             why += f" at all: {whats[reason]}: {reason}"

@@ -125,7 +125,7 @@ class _Build:
         self._order.add_nodes_from(range(len(steps)))
         self._order.add_edges_from(waits)
         self._order.add_edges_from(self._until.items())
-        self._together = _hanging_together(standing, steps)
+        self._together = _contact_groups(standing, steps)
         self._whole: set[int] = set()
         self._new: set[tuple[int, int]] = set(self._until.items())
 
@@ -241,7 +241,7 @@ class _Build:
         return False
 
 
-def _hanging_together(
+def _contact_groups(
     standing: StabilityChecker, steps: Sequence[BuildStep]
 ) -> list[int]:
     """Return, for each step, the number of its group of steps with touching bodies."""

@@ -121,18 +121,18 @@ def _directions(corners: bytes) -> Directions:
     along = np.array(sorted(edges, key=lambda edge: -float(np.linalg.norm(edge))))
     along /= np.linalg.norm(along, axis=1)[:, None]
     return Directions(
-        read_only_copy(_each_once(normals)),
-        read_only_copy(_each_once(_one_sided(along))[:_MOST_EDGES]),
+        read_only_copy(_distinct(normals)),
+        read_only_copy(_distinct(_with_positive_lead(along))[:_MOST_EDGES]),
     )
 
 
-def _each_once(vectors: Array) -> Array:
+def _distinct(vectors: Array) -> Array:
     """Return unit vectors without duplicates, in their order."""
     _, first = np.unique(np.round(vectors / 1e-5), axis=0, return_index=True)
     return np.asarray(vectors[np.sort(first)])
 
 
-def _one_sided(vectors: Array) -> Array:
+def _with_positive_lead(vectors: Array) -> Array:
     """Return vectors flipped so that the largest of their coordinates is positive."""
     largest = np.abs(vectors).argmax(axis=1)
     sign = np.sign(np.take_along_axis(vectors, largest[:, None], axis=1))
@@ -156,7 +156,7 @@ def _common_points(a: Array, b: Array, normal: Array) -> Array:
     theirs = _outline(b[second <= second.min() + SLACK] @ across.T)
     common = _clipped(ours, theirs)
     if not len(common):
-        # Neighbours whose nearest features are corners aside of each other.
+        # Neighbours whose nearest features are corners next to each other.
         common = 0.5 * (ours.mean(axis=0) + theirs.mean(axis=0))[None, :]
     return np.asarray(common @ across + height * normal)
 

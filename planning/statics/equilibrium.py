@@ -95,7 +95,7 @@ class LoadCase:
     """The present bodies of a structure, and the loads on it.
 
     Attributes:
-        there: names of the bodies in their places.
+        present: names of the bodies in their places.
         held: those of them that move no more than the ground does.
         weighing: bodies whose weight counts; all by default.
         down: unit vector along which weights act.
@@ -104,7 +104,7 @@ class LoadCase:
         load: a force on one of the bodies.
     """
 
-    there: Collection[str]
+    present: Collection[str]
     held: Collection[str] = ()
     weighing: Collection[str] | None = None
     down: Vector = DOWN
@@ -188,7 +188,7 @@ class Equilibrium:
         """
         used = self._used(case)
         limits = self._limits.copy()
-        limits[self._loosened(case), 0] = 0.0
+        limits[self._pulling_contacts(case), 0] = 0.0
         bounds = np.zeros_like(limits)
         bounds[used] = limits[used]
         rows = self._balance(case)
@@ -214,9 +214,9 @@ class Equilibrium:
         """
         used = self._used(case)
         if not len(used):
-            first = min(self._index[n] for n in case.there if n not in case.held)
+            first = min(self._index[n] for n in case.present if n not in case.held)
             return StabilityReport(math.inf, self._names[first])
-        pulls = np.where(self._loosened(case), 0.0, self._pulls)[used]
+        pulls = np.where(self._pulling_contacts(case), 0.0, self._pulls)[used]
         low, high = self._limits[used].T
         low = np.where(self._pushing[used], 0.0, low)
         contacts = hstack(self._blocks, "csc")[:, used]
@@ -241,14 +241,14 @@ class Equilibrium:
     def _used(self, case: LoadCase) -> Array:
         """Return the columns of a load case: contacts, further pushes, shares of the load."""
         there = np.zeros(len(self._names) + 1, dtype=bool)
-        there[[self._index[name] for name in case.there]] = True
+        there[[self._index[name] for name in case.present]] = True
         there[-1] = True  # the ground
         extra = [*case.pushes, *_shares(case.load)]
         self._add([c for c in dict.fromkeys(extra) if c not in self._columns])
         own = np.flatnonzero(there[self._on[: self._own]].all(axis=1))
         return np.array([*own, *(self._columns[c] for c in extra)], dtype=np.intp)
 
-    def _loosened(self, case: LoadCase) -> Array:
+    def _pulling_contacts(self, case: LoadCase) -> Array:
         """Return the contacts that do not pull because of a body that is being inserted."""
         if case.loose is None:
             return np.zeros(len(self._on), dtype=bool)
@@ -260,8 +260,8 @@ class Equilibrium:
         rows = np.zeros_like(self._rows)
         if case.load is not None:
             rows[0] = np.linalg.norm(case.load.force)
-        heavy = case.there if case.weighing is None else case.weighing
-        on = [self._index[name] for name in case.there if name in heavy]
+        heavy = case.present if case.weighing is None else case.weighing
+        on = [self._index[name] for name in case.present if name in heavy]
         wrench = rows[1:].reshape(len(self._names), 6, 2)
         wrench[on, :3] = -(self._weights[on, None] * case.down)[:, :, None]
         wrench[[self._index[name] for name in case.held]] = -np.inf, np.inf

@@ -140,14 +140,14 @@ class StabilityChecker:
         pairs = (pair for pair in self.patches if body in pair)
         return {name for pair in pairs for name in pair} - {body}
 
-    def why(self, body: str, there: Collection[str]) -> str:
+    def why(self, body: str, present: Collection[str]) -> str:
         """Return in words why a body is not in equilibrium.
 
         Args:
             body: that falls.
-            there: the bodies that are in their places; the ground always is.
+            present: the bodies that are in their places; the ground always is.
         """
-        solid = {*there, *self._ground}
+        solid = {*present, *self._ground}
         on = ", ".join(sorted(self.touched_by(body) & solid))
         words = f"no forces between it and {on} keep it in balance"
         return (
@@ -158,7 +158,7 @@ class StabilityChecker:
 
     def falling(
         self,
-        there: Collection[str],
+        present: Collection[str],
         *,
         joints: Collection[Joint] = (),
         held: Collection[str] = (),
@@ -167,22 +167,22 @@ class StabilityChecker:
         """Return the body farthest from equilibrium; None where all are stable.
 
         Args:
-            there: the bodies that are in their places.
+            present: the bodies that are in their places.
             joints: what is joined; joints of bodies that are not there do not count.
             held: bodies that robots hold: they move no more than the ground does.
             weighing: the bodies whose weight counts; all of them by default.
         """
-        if not set(there) - set(held):
+        if not set(present) - set(held):
             return None
         weights = None if weighing is None else frozenset(weighing)
-        key = frozenset(there), frozenset(joints), frozenset(held), weights
+        key = frozenset(present), frozenset(joints), frozenset(held), weights
         if key not in self._known:
-            solid = {*there, *self._ground}
+            solid = {*present, *self._ground}
             pushes = tuple(
                 force
                 for joint in joints
                 if joint.first in solid and joint.second in solid
-                for force in self._borne_by(joint)
+                for force in self._joint_forces(joint)
             )
             case = LoadCase(key[0], key[2], weights, pushes=pushes)
             self._known[key] = self._found(case)
@@ -216,14 +216,14 @@ class StabilityChecker:
         """Yield the forces of a contact: at each of its corners, the edges of a friction cone."""
         across = np.linalg.svd(patch.normal[None, :])[2][1:]
         angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
-        aside = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
-        cone = patch.normal + self.rules.friction * aside
+        tangents = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
+        cone = patch.normal + self.rules.friction * tangents
         cone /= np.linalg.norm(cone, axis=1)[:, None]
         ends = self._ends(pair)
         for point, edge in product(patch.points.tolist(), cone.tolist()):
             yield ContactForce(*ends, tuple(point), tuple(edge))
 
-    def _borne_by(self, joint: Joint) -> Iterator[ContactForce]:
+    def _joint_forces(self, joint: Joint) -> Iterator[ContactForce]:
         """Yield the forces and torques of a joint."""
         ends = self._ends((joint.first, joint.second))
         x, y, z = self._middle(joint).tolist()

@@ -24,6 +24,11 @@ class Phase(Enum):
     SINCE_CHANGE = "since the object changed hands"
     AFTER = "after"
 
+    @property
+    def in_skill(self) -> bool:
+        """Whether it belongs to the skill itself, not to the transits around it."""
+        return self in (Phase.UNTIL_CHANGE, Phase.SINCE_CHANGE)
+
 
 def tool_entity(robot: PlacedRobot) -> str:
     """Return the entity name of a robot's mounted tool in allowed contacts."""

@@ -97,14 +97,14 @@ class StepWriter:
         at, acts = self._acts(path, holder, lets_go=lets_go)
         # The path counts from its start, which the task's own leaves out.
         still = np.repeat(path.waypoints[at : at + 1], len(acts), axis=0)
-        way = np.vstack([path.path[:at], still, path.path[at:]])
+        waypoints = np.vstack([path.path[:at], still, path.path[at:]])
         change_at = None if path.change_at is None else path.change_at + len(acts)
         handlings: tuple[Handling, ...] = ()
         if pose is not None and item is not None and change_at is not None:
             change = Handling(item, change_at, holder, read_only_copy(pose))
             handlings = (change,)
         if refill is not None:
-            coming = Handling(refill.name, len(way), None, refill.start)
+            coming = Handling(refill.name, len(waypoints), None, refill.start)
             handlings = (*handlings, coming)
             self._objects.append(refill)
         actuations = tuple(
@@ -113,7 +113,7 @@ class StepWriter:
         )
         robot, kind = path.robot, path.skill
         return self._append(
-            robot, kind, label, way, handlings, item, actuations=actuations
+            robot, kind, label, waypoints, handlings, item, actuations=actuations
         )
 
     def _acts(
@@ -135,7 +135,7 @@ class StepWriter:
         opens = path.skill == "place-down" and at < last
         return at, ((Actuation.OPEN, own),) if opens else ()
 
-    def unmoved(
+    def machine_task(
         self,
         machine: str,
         kind: str,
@@ -150,12 +150,12 @@ class StepWriter:
         """Append the tasks of machines that refill a source after a task has emptied it."""
         name = refill.parts[0][0]
         if refill.arrivals is not None:
-            come = self.unmoved(
+            come = self.machine_task(
                 refill.arrivals, TaskKind.ARRIVE, f"{name} arrives", name
             )
             self.depend(come, come + 1)
         up = tuple(Handling(part, 1, None, pose) for part, pose in refill.parts)
-        there = self.unmoved(
+        there = self.machine_task(
             refill.machine, TaskKind.PRESENT, f"{name} comes up", name, up
         )
         self.depend(emptied, there)
@@ -224,7 +224,7 @@ class StepWriter:
         goal: bool = False,
         actuations: tuple[Actuation, ...] = (),
     ) -> int:
-        index, way = self.first + len(self._tasks), read_only_copy(path)
-        about = index, robot, kind, self.step, label, way, handlings, item, goal
+        index, waypoints = self.first + len(self._tasks), read_only_copy(path)
+        about = index, robot, kind, self.step, label, waypoints, handlings, item, goal
         self._tasks.append(Task(*about, actuations))
         return index

@@ -245,7 +245,7 @@ class AssignmentProblem:
         return {item: k for k, item in enumerate(self.primaries)}
 
     @cached_property
-    def able(self) -> tuple[str, ...]:
+    def capable_robots(self) -> tuple[str, ...]:
         """The robots that can do anything at all: work is balanced among these."""
         named = {item.robot for item in self.primaries}
         named |= {item.robot for item in self.supports}
@@ -267,7 +267,7 @@ class AssignmentProblem:
         steps = len(self.steps)
         return [
             (range(j, j + size), 2.0 / (size - 1))
-            for size in range(2, len(self.able) + 1)
+            for size in range(2, len(self.capable_robots) + 1)
             for j in range(1, steps - size + 2)
         ]
 
@@ -346,12 +346,12 @@ class TaskPlan:
     Attributes:
         choices: one a step.
         taken: objects taken by steps so far, by number.
-        there: names of the objects that have come up by now.
+        present: names of the objects that have come up by now.
     """
 
     choices: tuple[StepChoice, ...]
     taken: Mapping[int, str] = field(default_factory=dict, hash=False)
-    there: frozenset[str] = frozenset()
+    present: frozenset[str] = frozenset()
 
     def __getitem__(self, step: int) -> StepChoice:
         """Return the choice of a step, counted from 1."""

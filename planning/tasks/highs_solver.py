@@ -117,17 +117,17 @@ class _Program:
         That somebody does an even share or more is implied, but not known to the relaxed program.
         """
         problem = self.problem
-        pair = len(problem.able) == 2
+        pair = len(problem.capable_robots) == 2
         terms: list[Any] = []
         for k, (window, weight) in enumerate(problem.windows(), start=1):
             tasks = len(window) + sum(problem.needs_support[j - 1] for j in window)
-            even = 0 if pair else -(-tasks // len(problem.able))
+            even = 0 if pair else -(-tasks // len(problem.capable_robots))
             most = self.model.add_variable(f"most{k}", even, len(window))
             terms.append(most if pair else weight * most)
             if pair:
                 least = self.model.add_variable(f"least{k}", 0, len(window))
                 terms.append(-least)
-            for robot in problem.able:
+            for robot in problem.capable_robots:
                 load = pulp.lpSum(v for step in window for v in self.busy[robot, step])
                 self.model += most >= load
                 if pair:

@@ -22,12 +22,12 @@ def explain_rejections(problem: AssignmentProblem, step: int) -> str:
         return "  nothing of the right type is there to try"
     lines = []
     for reason, items in ordered[:_MOST_REASONS]:
-        ways = Counter(item.what for item in items)
+        excluded = Counter(item.what for item in items)
         shown = ", ".join(
             what if count == 1 else f"{what} ({count} ways)"
-            for what, count in list(ways.items())[:3]
+            for what, count in list(excluded.items())[:3]
         )
-        more = f" and {len(ways) - 3} more" if len(ways) > 3 else ""
+        more = f" and {len(excluded) - 3} more" if len(excluded) > 3 else ""
         lines.append(f"  {reason}: {shown}{more}")
     if len(ordered) > _MOST_REASONS:
         lines.append(f"  and {len(ordered) - _MOST_REASONS} more reasons")

@@ -82,7 +82,7 @@ def _window(
         The problem, whose steps count from 1, and how many of them are settled.
     """
     open_from = len(settled) + 1
-    before = min(len(settled), len(problem.able) - 1)
+    before = min(len(settled), len(problem.capable_robots) - 1)
     away = open_from - before - 1
     used = {choice.object for choice in settled} - problem.unlimited
     mounted = dict(problem.mounted)
@@ -97,7 +97,7 @@ def _window(
         if choice.support is not None:
             supports.append(replace(choice.support, step=choice.step - away))
     for step in range(open_from, last + 1):
-        for p in _promising(problem, step, last - open_from + 1, used):
+        for p in _window_candidates(problem, step, last - open_from + 1, used):
             item = problem.primaries[p]
             number_of[p] = len(primaries)
             primaries.append(replace(item, step=step - away, after=item.after - used))
@@ -127,7 +127,7 @@ def _window(
     return window, before
 
 
-def _promising(
+def _window_candidates(
     problem: AssignmentProblem, step: int, steps: int, used: set[str]
 ) -> list[int]:
     """Return the candidates of a step that a window may need.

@@ -216,7 +216,7 @@ def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
     return replace(cell, objects=(*cell.objects, *new)) if new else cell
 
 
-def is_done_to_a_product(task: Task) -> bool:
+def is_product_task(task: Task) -> bool:
     """Tell whether a robot or a machine does a task on a product."""
     return task.kind not in (TaskKind.TRANSIT, "pick", *TaskKind.SUPPLY)
 
@@ -289,7 +289,7 @@ class TimeWindow:
     """Bounds on the time from the end of a task to the start of another.
 
     As for glue that must be pressed while it is wet, or a part that must cool. The least time is kept by a task
-    that lasts as long, so by the graph. The greatest one is not: it is planned for, held back for, and told of.
+    that lasts as long, so by the graph. The greatest one is not: it is planned for, held back for, and reported.
 
     Attributes:
         EARLIER: in place of the index of a task that was done before the plan begins.

@@ -57,7 +57,7 @@ class StoppedPath:
     planned: Array
     ends: Array
 
-    def when(self, own: float) -> float:
+    def stopped_times(self, own: float) -> float:
         """Return the times at which the states of the motion without stops are reached [s].
 
         Args:
@@ -101,7 +101,7 @@ def stop_along_path(
     now = _free(stop_after, begin)
     for planned in motion.pieces:
         piece: PathPiece | None = PathPiece(
-            planned.path, planned.ways, planned.step * slower
+            planned.path, planned.lengths, planned.step * slower
         )
         while piece is not None:
             stop, _ = stop_after(now)
@@ -137,25 +137,25 @@ def _stopped(
     path = piece.path
     # Until then the motion has come to depend on these control points.
     given = int(after / piece.step) + 4
-    controls = np.empty(len(piece.ways))
+    controls = np.empty(len(piece.lengths))
     near = (path.curvature(), FOLLOWED)
     count = _brake(
         limit_rows(limits),
         pack_curve(path),
         near,
-        (piece.ways, piece.step),
+        (piece.lengths, piece.step),
         given,
         controls,
     )
     if count == 0:
         return piece, None
-    way = float(controls[count - 1])
-    if float(path.at[-1]) - way < _THERE * float(path.at[-1]):
+    progress = float(controls[count - 1])
+    if float(path.at[-1]) - progress < _THERE * float(path.at[-1]):
         return piece, None
-    rest = quickest_piece(limits, path, FOLLOWED, way)
+    rest = quickest_piece(limits, path, FOLLOWED, progress)
     if rest is None:
         return piece, None
-    slow = PathPiece(path, rest.ways, rest.step * slower)
+    slow = PathPiece(path, rest.lengths, rest.step * slower)
     return PathPiece(path, controls[:count].copy(), piece.step), slow
 
 

@@ -129,9 +129,9 @@ def _reaches(at: Array, turn: Array, stray: float) -> Array:
     reach = np.zeros(count)
     for k in range(1, count - 1):
         if turn[k] > 0.0:
-            beside = 2.0 * max(at[k] - at[k - 1], at[k + 1] - at[k])
+            adjacent = 2.0 * max(at[k] - at[k - 1], at[k + 1] - at[k])
             ends = min(at[k] - at[0], at[count - 1] - at[k])
-            reach[k] = min(6.0 * stray / turn[k], min(beside, ends))
+            reach[k] = min(6.0 * stray / turn[k], min(adjacent, ends))
     for _ in range(_SWEEPS):
         found, most, done = reach.copy(), reach.max(), True
         for k in range(1, count - 1):

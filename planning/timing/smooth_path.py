@@ -114,23 +114,23 @@ class PathPiece:
 
     Attributes:
         path: what is followed.
-        ways: along it, of control points, shape (k + 3,) for k time steps; the first three are the
+        lengths: along it, of control points, shape (k + 3,) for k time steps; the first three are the
             same, and the last three are.
         step: time step [s].
     """
 
     path: RoundedPath
-    ways: Array
+    lengths: Array
     step: float
 
     @property
     def seconds(self) -> float:
         """How long it takes [s]."""
-        return self.step * (len(self.ways) - 3)
+        return self.step * (len(self.lengths) - 3)
 
     def rows(self) -> tuple[Array, Array, Array, Array]:
         """Return times from 0 [s], configurations, joint speeds and accelerations between steps."""
-        control = self.path.points(self.ways)
+        control = self.path.points(self.lengths)
         before, at, after = control[:-2], control[1:-1], control[2:]
         t = self.step * np.arange(len(at), dtype=np.float64)
         q = (before + 4.0 * at + after) / 6.0
@@ -140,7 +140,7 @@ class PathPiece:
 
     def passed(self) -> Array:
         """Return the time of passing each corner of the path, shape (w,) [s]."""
-        before, at, after = self.ways[:-2], self.ways[1:-1], self.ways[2:]
+        before, at, after = self.lengths[:-2], self.lengths[1:-1], self.lengths[2:]
         gone = (before + 4.0 * at + after) / 6.0
         passed = self.step * np.interp(self.path.at, gone, np.arange(len(at)))
         passed[0], passed[-1] = 0.0, self.step * (len(at) - 1)
@@ -171,14 +171,14 @@ def quickest_piece(
     fine = min(_BUILD_UP * spans.sum() / spans[0], _FINE)
     wanted = max(close, fine, float(spans.sum()) / _LONGEST)
     count = int(np.clip(np.ceil(wanted), _FEWEST_STEPS, _MOST_STEPS))
-    ways, points = np.empty(count + 3), np.empty((count + 3, path.corners.shape[1]))
+    lengths, points = np.empty(count + 3), np.empty((count + 3, path.corners.shape[1]))
     # As along a straight line, to begin with.
     jerky = max(1, int(count * spans[0] / spans.sum()))
     steady = int(count * spans[1] / spans.sum())
     shape = jerky, max(0, min(steady, (count - 4 * jerky) // 2))
     curve, near = (begin, *pack_curve(path)), (bends, stray)
-    step = _quickest_steps(limit_rows(limits), curve, near, shape, ways, points)
-    return PathPiece(path, ways, step) if np.isfinite(step) else None
+    step = _quickest_steps(limit_rows(limits), curve, near, shape, lengths, points)
+    return PathPiece(path, lengths, step) if np.isfinite(step) else None
 
 
 def limit_rows(limits: MotionLimits) -> Limits:
@@ -202,13 +202,13 @@ def _quickest_steps(
     curve: tuple[float, Array, Array, Array, Array],
     near: tuple[Array, float],
     shape: tuple[int, int],
-    ways: Array,
+    lengths: Array,
     points: Array,
 ) -> float:
     """Write the best control points found, and return their time step; see ``_tried``."""
-    count = len(ways) - 3
+    count = len(lengths) - 3
     jerky, steady = shape
-    best = _tried(limits, curve, near, shape, ways, points)
+    best = _tried(limits, curve, near, shape, lengths, points)
     stride = max(1, count // 12)
     while stride > 0:
         better = False
@@ -219,12 +219,12 @@ def _quickest_steps(
                 m, k = m0 + a * stride, k0 + b * stride
                 if m < 1 or k < 0 or 4 * m + 2 * k > count:
                     continue
-                step = _tried(limits, curve, near, (m, k), ways, points)
+                step = _tried(limits, curve, near, (m, k), lengths, points)
                 if step < best:
                     best, jerky, steady, better = step, m, k, True
         if not better:
             stride //= 2
-    return _tried(limits, curve, near, (jerky, steady), ways, points)
+    return _tried(limits, curve, near, (jerky, steady), lengths, points)
 
 
 @inner_kernel
@@ -233,7 +233,7 @@ def _tried(
     curve: tuple[float, Array, Array, Array, Array],
     near: tuple[Array, float],
     shape: tuple[int, int],
-    ways: Array,
+    lengths: Array,
     points: Array,
 ) -> float:
     """Write the control points of an S-curve, and return their least time step.
@@ -243,26 +243,26 @@ def _tried(
         curve: where on it the motion starts, and the curve that is followed.
         near: the curvature at its corners, and how far the motion may leave it.
         shape: steps in which the acceleration changes, four times, and in which it stays, twice.
-        ways, points: outputs.
+        lengths, points: outputs.
     """
     jerky, steady = shape
     begin, corners, at, turn, reach = curve
     end = at[-1]
-    _s_curve(jerky, steady, end - begin, ways)
-    for i in range(len(ways)):
-        ways[i] = min(ways[i] + begin, end)
+    _s_curve(jerky, steady, end - begin, lengths)
+    for i in range(len(lengths)):
+        lengths[i] = min(lengths[i] + begin, end)
     for i in range(3):
-        ways[len(ways) - 1 - i] = end
-    curve_points(corners, at, turn, reach, ways, points)
+        lengths[len(lengths) - 1 - i] = end
+    curve_points(corners, at, turn, reach, lengths, points)
     least = least_step(limits, points)
-    return least if is_near_curve(at, *near, ways) else np.inf
+    return least if is_near_curve(at, *near, lengths) else np.inf
 
 
 @inner_kernel
-def _s_curve(jerky: int, steady: int, length: float, ways: Array) -> None:
+def _s_curve(jerky: int, steady: int, length: float, lengths: Array) -> None:
     """Write the control values of an S-curve from 0 to a length."""
-    count = len(ways) - 3
-    ways[0] = ways[1] = ways[2] = 0.0
+    count = len(lengths) - 3
+    lengths[0] = lengths[1] = lengths[2] = 0.0
     rise, speed = 0.0, 0.0
     for i in range(count):
         j = min(i, count - 1 - i)
@@ -271,10 +271,10 @@ def _s_curve(jerky: int, steady: int, length: float, ways: Array) -> None:
         elif jerky + steady <= j < 2 * jerky + steady:
             rise -= 1.0
         speed += rise
-        ways[i + 3] = ways[i + 2] + speed
-    scale = length / ways[count + 2]
+        lengths[i + 3] = lengths[i + 2] + speed
+    scale = length / lengths[count + 2]
     for i in range(count + 3):
-        ways[i] *= scale
+        lengths[i] *= scale
 
 
 @inner_kernel
@@ -301,23 +301,23 @@ def least_step(limits: Limits, points: Array) -> float:
 
 
 @inner_kernel
-def is_near_curve(at: Array, bends: Array, stray: float, ways: Array) -> bool:
+def is_near_curve(at: Array, bends: Array, stray: float, lengths: Array) -> bool:
     """Return whether a spline through points of a curve stays near the curve.
 
     It is off by half the curvature times the variance of the ways of the four control points that a
     place of it is made of, which is a third of the square of their distance at most.
     """
     piece = 0
-    for i in range(len(ways) - 3):
-        while piece < len(at) - 2 and ways[i] > at[piece + 1]:
+    for i in range(len(lengths) - 3):
+        while piece < len(at) - 2 and lengths[i] > at[piece + 1]:
             piece += 1
         bend = max(bends[piece], bends[piece + 1])
         beyond = piece + 2
-        while beyond < len(at) and at[beyond - 1] < ways[i + 3]:
+        while beyond < len(at) and at[beyond - 1] < lengths[i + 3]:
             bend = max(bend, bends[beyond])
             beyond += 1
-        wide = max(ways[i + 1] - ways[i], ways[i + 2] - ways[i + 1])
-        wide = max(wide, ways[i + 3] - ways[i + 2])
+        wide = max(lengths[i + 1] - lengths[i], lengths[i + 2] - lengths[i + 1])
+        wide = max(wide, lengths[i + 3] - lengths[i + 2])
         if bend * wide * wide > 6.0 * stray * (1.0 + 1e-9):
             return False
     return True
@@ -386,8 +386,8 @@ def smooth_path(
 
 def _rests(points: Array, stops: Collection[int]) -> list[int]:
     """Return the inner corners at which a robot must be at rest."""
-    ways = np.diff(points, axis=0)
-    unit = ways / np.linalg.norm(ways, axis=1)[:, None]
+    displacements = np.diff(points, axis=0)
+    unit = displacements / np.linalg.norm(displacements, axis=1)[:, None]
     sharp = np.sum(unit[1:] * unit[:-1], axis=1) < np.cos(_SHARP)
     return [k for k in range(1, len(points) - 1) if sharp[k - 1] or k in stops]
 
@@ -399,12 +399,12 @@ def _motions_between(
 
     They are one, or more where stops at the sharpest corners save time.
     """
-    whole = _in_one_go(limits, points[begin : end + 1])
+    whole = _without_rests(limits, points[begin : end + 1])
     if end - begin > 1:
-        ways = np.diff(points[begin : end + 1], axis=0)
-        unit = ways / np.linalg.norm(ways, axis=1)[:, None]
+        displacements = np.diff(points[begin : end + 1], axis=0)
+        unit = displacements / np.linalg.norm(displacements, axis=1)[:, None]
         middle = begin + 1 + int(np.argmin(np.sum(unit[1:] * unit[:-1], axis=1)))
-        sides = np.array_split(ways, [middle - begin])
+        sides = np.array_split(displacements, [middle - begin])
         # Along the straight lines to the corner and from it the parts do not take much longer.
         least = sum(
             float(line_times(limits, side.sum(axis=0))[0].sum()) for side in sides
@@ -421,7 +421,7 @@ def _motions_between(
     yield begin, end, whole
 
 
-def _in_one_go(limits: MotionLimits, points: Array) -> PathPiece | None:
+def _without_rests(limits: MotionLimits, points: Array) -> PathPiece | None:
     """Return a motion without intermediate rests, None where it would take too many rows."""
     path = rounded_path(points, _ROUNDED * STRAY)
     return quickest_piece(limits, path, FOLLOWED)

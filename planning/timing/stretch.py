@@ -90,17 +90,19 @@ def straight_stretch(
     return Stretch(*found)
 
 
-def straight_seconds(limits: MotionLimits, ways: Array) -> Array:
+def straight_seconds(limits: MotionLimits, displacements: Array) -> Array:
     """Return the times from rest to rest along straight lines in joint space.
 
     Args:
         limits: of the robot.
-        ways: displacements from start to end, shape (..., n) [rad or m].
+        displacements: displacements from start to end, shape (..., n) [rad or m].
 
     Returns:
         Shape (...) [s].
     """
-    rows = np.ascontiguousarray(ways, dtype=np.float64).reshape(-1, ways.shape[-1])
+    rows = np.ascontiguousarray(displacements, dtype=np.float64).reshape(
+        -1, displacements.shape[-1]
+    )
     seconds = _seconds(
         limits.velocity,
         limits.acceleration,
@@ -108,7 +110,7 @@ def straight_seconds(limits: MotionLimits, ways: Array) -> Array:
         limits.sum_of_speeds,
         rows,
     )
-    return seconds.reshape(ways.shape[:-1])
+    return seconds.reshape(displacements.shape[:-1])
 
 
 @kernel
@@ -117,12 +119,12 @@ def _seconds(
     acceleration: Array,
     jerk: Array,
     sum_of_speeds: float,
-    ways: Array,
+    displacements: Array,
 ) -> Array:
-    out = np.zeros(len(ways))
-    for k in range(len(ways)):
+    out = np.zeros(len(displacements))
+    for k in range(len(displacements)):
         cruise, ramp, lag = _quickest_straight(
-            velocity, acceleration, jerk, sum_of_speeds, ways[k], 0.0
+            velocity, acceleration, jerk, sum_of_speeds, displacements[k], 0.0
         )
         if cruise > 0.0:
             out[k] = rest_to_rest_seconds(cruise, ramp) + lag

@@ -211,11 +211,11 @@ class ArmDynamics:
 
     def along_legs(self, path: BlendedPath) -> EffortRows:
         """Return the joint efforts along the straight legs of a path with rounded corners."""
-        ways = np.diff(path.points, axis=0)
-        turns = np.abs(ways).sum(axis=1)
+        displacements = np.diff(path.points, axis=0)
+        turns = np.abs(displacements).sum(axis=1)
         counts = np.maximum(np.ceil(turns / _TURN).astype(np.int64), _FEWEST)
         piece, share = _samples(counts)
-        q = path.points[piece] + share[:, None] * ways[piece]
+        q = path.points[piece] + share[:, None] * displacements[piece]
         return self._rows(q, path.velocity[piece], np.zeros_like(q), piece)
 
     def _rows(
@@ -291,16 +291,16 @@ def explain_unchecked_efforts(robot: PlacedRobot) -> str | None:
 
     A description may have no limits of effort or no masses, or values that were filled in by default.
     """
-    return _untold(robot.model) or describe_weak_joint(robot)
+    return _missing_data(robot.model) or describe_weak_joint(robot)
 
 
 def describe_weak_joint(robot: PlacedRobot) -> str | None:
     """Return in words which joint cannot hold its arm at HOME; None where all can.
 
-    None, too, where that cannot be told of a description.
+    None, too, where the description does not have it.
     """
     model = robot.model
-    if _untold(model) or model.drives is None:
+    if _missing_data(model) or model.drives is None:
         return None
     weight = np.abs(ArmDynamics(robot, model).gravity(robot.home))
     over = weight > model.drives.effort
@@ -313,15 +313,15 @@ def describe_weak_joint(robot: PlacedRobot) -> str | None:
     )
 
 
-def _untold(model: RobotModel) -> str | None:
+def _missing_data(model: RobotModel) -> str | None:
     if model.drives is None or not np.isfinite(model.drives.effort).any():
-        return "no limits of effort are told"
+        return "its effort limits are unknown"
     if model.inertias is None:
-        return "no masses are told"
+        return "its masses are unknown"
     mass = model.inertias.mass
     for joint in sorted({part.joint for part in model.parts if part.joint >= 0}):
         if not mass[joint] > 0.0:
-            return f"no mass is told of what {model.joint_names[joint]} moves"
+            return f"the mass is unknown of what {model.joint_names[joint]} moves"
     if len(mass) > 1 and np.ptp(mass) <= 0.0:
         return f"all links have the same mass, {mass[0]:g} kg, as by default"
     return None

@@ -71,14 +71,14 @@ class ReplanningState:
         task_plan: the choices up to now.
         reopened: begun steps that are to be repeated, with the robots that do no more work for them.
         given_up: steps that will not be done.
-        aside: robots that make way: they go HOME with what they hold, and return later.
+        evading: robots that make way: they go HOME with what they hold, and return later.
     """
 
     world: World
     task_plan: TaskPlan
     reopened: Mapping[int, frozenset[str]] = field(default_factory=dict)
     given_up: frozenset[int] = frozenset()
-    aside: frozenset[str] = frozenset()
+    evading: frozenset[str] = frozenset()
 
     @property
     def kept(self) -> dict[int, StepChoice]:
@@ -96,7 +96,7 @@ class ReplanningState:
         return {**nothing, **{k: t for k, t in own.items() if k not in self.reopened}}
 
     @property
-    def there(self) -> frozenset[str]:
+    def present(self) -> frozenset[str]:
         """Objects that are present."""
         return frozenset(self.world.state.attachments)
 
@@ -126,34 +126,38 @@ def plan_onward(
     there = supplied_tasks_by_step(world)
     busy = _busy_until(cell, left, now.reopened)
     problem = fix_choices(work.problem, kept, world.out, busy)
-    plan = replace(assign_steps(problem), taken=now.taken, there=now.there)
+    plan = replace(assign_steps(problem), taken=now.taken, present=now.present)
     assembly = replace(work, problem=problem)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
     gone = {task.robot for item in left if item.ends for task in item.tasks}
-    away = (*_away(cell, world, left, gone), *sorted(now.aside))
+    away = (*_idle_robots_away(cell, world, left, gone), *sorted(now.evading))
     for name in away:
         home = cell.robot(name).home
         items.append(_Item(_to(cell, world, name, home, stands=name not in gone)))
-    burdens = _burdens(world, left)
+    burdens = _unplaceable_loads(world, left)
     for robot, name in burdens.items():
-        items.append(_Item(_once(partial(find_removal, cell, world, robot, name))))
+        items.append(
+            _Item(_only_alternative(partial(find_removal, cell, world, robot, name)))
+        )
     undone = frozenset(plan[step].object for step in now.given_up if step in kept)
     scrap = RemovalPlan(world, work.passing, undone)
-    goes_on = {item.step.step: item for item in left if not item.ends}
-    aside, stands = set(now.aside), world.state.configurations
+    continued = {item.step.step: item for item in left if not item.ends}
+    evading, stands = set(now.evading), world.state.configurations
     for step in range(1, len(plan.choices) + 1):
-        if step in goes_on:
-            item = goes_on[step]
-            back = sorted(aside & {task.robot for task in item.tasks})
+        if step in continued:
+            item = continued[step]
+            back = sorted(evading & {task.robot for task in item.tasks})
             items += [
                 _Item(_to(cell, world, name, stands[name]), back=True) for name in back
             ]
-            aside -= set(back)
+            evading -= set(back)
             if step in now.reopened:
                 items.append(_of_leftover(item, now))
             else:
                 items.append(
-                    _Item(partial(_going_on, assembly, item), step, item.with_done)
+                    _Item(
+                        partial(_remaining_tasks, assembly, item), step, item.with_done
+                    )
                 )
         brought = there.get(step, ())
         if step in now.given_up:
@@ -196,7 +200,7 @@ def plan_onward(
     plan, motions = plan_steps_sequentially(
         cell,
         plan,
-        [partial(_there, scrap, item.expand) for item in items],
+        [partial(_without_absent_objects, scrap, item.expand) for item in items],
         link,
         settings,
         known=known,
@@ -217,7 +221,7 @@ class _Item:
         step: number of the step that it is, None for what only clears the way.
         whole: returns the tasks of the step, those done before included.
         machines: number of a given-up step for which machines continue.
-        back: whether a robot comes back with it to where the next one goes on.
+        back: whether a robot comes back with it to where the next one continues.
     """
 
     expand: Expansion
@@ -242,12 +246,12 @@ def _back_before(
         back = []
 
 
-def _there(
+def _without_absent_objects(
     scrap: RemovalPlan, expand: Expansion, plan: TaskPlan, first: int
 ) -> Iterator[tuple[TaskPlan, StepTasks]]:
     """Yield the expansions of a step in which only present objects leave the cell."""
     for chosen, planned in expand(plan, first):
-        yield chosen, scrap.there(planned)
+        yield chosen, scrap.without_absent_objects(planned)
 
 
 def _fresh(assembly: Assembly, step: int, brought: tuple[Task, ...]) -> _Item:
@@ -265,7 +269,7 @@ def _fresh(assembly: Assembly, step: int, brought: tuple[Task, ...]) -> _Item:
     return _Item(alternatives, step, whole)
 
 
-def _going_on(
+def _remaining_tasks(
     assembly: Assembly, left: UnfinishedStep, plan: TaskPlan, first: int
 ) -> Iterator[tuple[TaskPlan, StepTasks]]:
     """Yield the rest of a step, among its current surroundings."""
@@ -275,8 +279,8 @@ def _going_on(
 def _of_leftover(left: UnfinishedStep, now: ReplanningState) -> _Item:
     number = left.step.step
     if number in now.reopened:
-        return _Item(_once(left.numbered))
-    return _Item(_once(left.numbered), number, left.with_done)
+        return _Item(_only_alternative(left.numbered))
+    return _Item(_only_alternative(left.numbered), number, left.with_done)
 
 
 def fix_choices(
@@ -373,7 +377,7 @@ def _busy_until(
     return until
 
 
-def _once(numbered: Callable[[int], StepTasks]) -> Expansion:
+def _only_alternative(numbered: Callable[[int], StepTasks]) -> Expansion:
     def alternatives(
         plan: TaskPlan, first: int
     ) -> Iterator[tuple[TaskPlan, StepTasks]]:
@@ -382,7 +386,7 @@ def _once(numbered: Callable[[int], StepTasks]) -> Expansion:
     return alternatives
 
 
-def _away(
+def _idle_robots_away(
     cell: Workcell, world: World, left: list[UnfinishedStep], gone: Collection[str]
 ) -> Iterator[str]:
     """Yield the robots that stand away from HOME without unfinished work, and not at a goal.
@@ -405,7 +409,7 @@ def _away(
             yield robot.name
 
 
-def _burdens(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
+def _unplaceable_loads(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
     """Return the objects in hands that have no placement any more, by robot."""
     going = {task.robot for item in left if not item.ends for task in item.tasks}
     # Also in a step that was then restarted, if another plan came before the hand was emptied.
@@ -446,7 +450,7 @@ def _to(
             ]
         return StepTasks(number, (task,), (), tuple(allowed))
 
-    return _once(numbered)
+    return _only_alternative(numbered)
 
 
 def _touches(

@@ -50,11 +50,11 @@ def supplied_tasks_by_step(world: World) -> dict[int, tuple[Task, ...]]:
     return {number: tuple(own[k] for k in sorted(own)) for number, own in found.items()}
 
 
-def without_supplied_tasks(step: StepTasks, there: Sequence[Task]) -> StepTasks:
+def without_supplied_tasks(step: StepTasks, delivered: Sequence[Task]) -> StepTasks:
     """Return a step without its completed deliveries and removals."""
-    if not there:
+    if not delivered:
         return step
-    old = {(t.kind, t.robot, t.object): t.index for t in there}
+    old = {(t.kind, t.robot, t.object): t.index for t in delivered}
     keys = {t.index: (t.kind, t.robot, t.object) for t in step.tasks if brings_parts(t)}
     done = {index: old[key] for index, key in keys.items() if key in old}
     return _some_of(step, [t for t in step.tasks if t.index not in done], done)
@@ -85,21 +85,21 @@ class RemovalPlan:
         world: where the plan begins.
         passing: objects that lie where others come after them.
         given_up: objects of the steps that are not done.
-        taken: those that a person removes in the plan, with the task.
+        removed: those that a person removes in the plan, with the task.
         lies: current poses of objects that the plan has moved; None for those in a hand or gone.
     """
 
     world: World
     passing: Collection[str]
     given_up: frozenset[str]
-    taken: dict[str, int] = field(default_factory=dict)
+    removed: dict[str, int] = field(default_factory=dict)
     lies: dict[str, Transform | None] = field(default_factory=dict)
 
     def of_step(
         self,
         assembly: Assembly,
         step: int,
-        there: Sequence[Task],
+        delivered: Sequence[Task],
         plan: TaskPlan,
         first: int,
     ) -> Iterator[tuple[TaskPlan, StepTasks]]:
@@ -108,7 +108,7 @@ class RemovalPlan:
         Args:
             assembly: expands it.
             step: its number.
-            there: what was brought in it before.
+            delivered: what was brought in it before.
             plan: the choices, which it leaves as they are.
             first: index of its first task.
         """
@@ -120,8 +120,8 @@ class RemovalPlan:
             gone = (Handling(name, 1, Handling.GONE, pose),)
             about = first, REMOVAL, TaskKind.TAKEN_OUT, step, words, STILL, gone, name
             tasks.append(Task(*about))
-            self.taken[name] = first
-        left = without_supplied_tasks(fresh, there)
+            self.removed[name] = first
+        left = without_supplied_tasks(fresh, delivered)
         own = _some_of(left, [t for t in left.tasks if brings_parts(t)], {})
         later = [replace(t, index=t.index + len(tasks)) for t in own.tasks]
         waits = [(a + len(tasks), b + len(tasks)) for a, b in own.dependencies]
@@ -129,14 +129,14 @@ class RemovalPlan:
 
     def _lies(self, name: str) -> Transform | None:
         """Return the pose of an object that must be removed, None where it stays or is nowhere."""
-        if name not in self.passing or name in self.taken:
+        if name not in self.passing or name in self.removed:
             return None
         if name in self.lies:
             return self.lies[name]
         at = self.world.state.attachments.get(name)
         return None if at is None or at.holder is not None else at.pose
 
-    def there(self, step: StepTasks) -> StepTasks:
+    def without_absent_objects(self, step: StepTasks) -> StepTasks:
         """Return a step in which only present objects leave the cell, and record their final poses."""
 
         def stays(h: Handling) -> bool:
@@ -156,7 +156,7 @@ class RemovalPlan:
         """Yield the dependencies of removals: what precedes them, and deliveries to the freed places."""
         tasks = tuple(tasks)
         for task in tasks:
-            for name, index in self.taken.items():
+            for name, index in self.removed.items():
                 about = task.object == name or any(
                     h.object == name for h in task.handlings
                 )

@@ -137,7 +137,7 @@ class UnfinishedStep:
     ends: bool
 
     @property
-    def _itself(self) -> dict[int, int]:
+    def _own_indices(self) -> dict[int, int]:
         """The completed tasks, by their own indices."""
         return {index: index for index in self.complete}
 
@@ -148,7 +148,7 @@ class UnfinishedStep:
             numbered,
             tasks=tuple(new.get(task.index, task) for task in self.step.tasks),
             allowed=(
-                *renumber_contacts(self.step.allowed, self._itself),
+                *renumber_contacts(self.step.allowed, self._own_indices),
                 *numbered.allowed,
             ),
         )
@@ -162,7 +162,7 @@ class UnfinishedStep:
                 touches, may have other names than when it was planned.
         """
         new = {task.index: first + k for k, task in enumerate(self.tasks)}
-        known = {**self._itself, **new}
+        known = {**self._own_indices, **new}
         tasks = tuple(replace(task, index=new[task.index]) for task in self.tasks)
         objects = self.step.objects
         waits = tuple(
@@ -230,7 +230,7 @@ def unfinished_steps(
     Args:
         world: what is complete.
         reopened: steps that are to be repeated, by number, with the robots that have nothing to bring
-            to an end in them. Of the others only those go on that have done a skill in it, as far as
+            to an end in them. Of the others only those continue that have done a skill in it, as far as
             their retreat: they stand where they are in the way. Whoever has something in the hand that
             goes nowhere any more does not go back as if it had been put down. Who is where a straight path
             leads out of, as of a rack of tools, goes that way.
@@ -248,7 +248,7 @@ def unfinished_steps(
             brings = {task.robot for task in left if task.handlings}
             stays = done - reopened[number] - brings - holders
             others = dict.fromkeys(t.robot for t in step.tasks if t.robot not in stays)
-            outs = [out for k in others for out in _way_out(step, k, world)]
+            outs = [out for k in others for out in _retreat_path(step, k, world)]
             left = [*(task for task in left if task.robot in stays), *outs]
         left = [task for task in left if task.robot not in world.out]
         if left:
@@ -263,7 +263,7 @@ def unfinished_steps(
     return sorted(found, key=lambda item: (not item.ends, item.step.step))
 
 
-def _way_out(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
+def _retreat_path(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
     """Yield the straight path of a robot out of the middle of a step, forwards or backwards."""
     own = [task for task in step.tasks if task.robot == robot]
     done = [task for task in own if task.index in world.complete]

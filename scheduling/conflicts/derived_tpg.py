@@ -261,8 +261,8 @@ def nodes_stretch(
 def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> GraphStretch:
     """Return some holds of a robot as a stretch, see ``hold_occupancy``."""
     nodes, last = graph.tpg.chains[chain], len(graph.tpg.chains[chain]) - 1
-    beside = np.clip(np.stack([holds - 1, holds], axis=1), 0, last)
-    around = nodes.task[beside].ravel().tolist()
+    adjacent = np.clip(np.stack([holds - 1, holds], axis=1), 0, last)
+    around = nodes.task[adjacent].ravel().tolist()
     tasks = tuple(dict.fromkeys(around))
 
     def parts() -> Iterable[bytes]:

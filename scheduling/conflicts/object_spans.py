@@ -225,8 +225,8 @@ class _Trace:
         last = self._last_before(receiver, node)
         held = self._hand((receiver, last)) @ event.pose
         self._rest_of_node(_Place(held, None, node, here))
-        going_on = last + 1 < len(self._tpg.chains[receiver])
-        following = (receiver, last + 1) if going_on else None
+        is_continued = last + 1 < len(self._tpg.chains[receiver])
+        following = (receiver, last + 1) if is_continued else None
         stood = (receiver, last) if last >= 0 else None
         self.rests.append(Rest(self._name, node, following, held, receiver, stood))
         return _Place(event.pose, receiver, None, (last + 1, 0))

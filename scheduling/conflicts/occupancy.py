@@ -24,7 +24,7 @@ from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import HullTable, hull_table, standing_hulls
 from planning.geometry.robot_bodies import position_error_bound, robot_bodies
 from planning.geometry.swept import bound_travel
-from planning.kinematics.chain import NO_JOINTS, placed_joints, standing_at
+from planning.kinematics.chain import empty_chain_table, placed_joints, standing_at
 from planning.packed import packed
 from planning.transforms import Array, Indices, Transform, inverse
 from scheduling.conflicts.allowed_contacts import ALWAYS
@@ -239,7 +239,7 @@ def rest_occupancy(
     solids = tuple(resting_solid(rest.object, body, rest.pose) for body in pieces)
     hulls = standing_hulls(solids)
     if holder is not None and holder.base_error:  # it is off as the robot is
-        base = standing_at(NO_JOINTS, holder.base, holder.base_error)
+        base = standing_at(empty_chain_table(), holder.base, holder.base_error)
         local = inverse(holder.base) @ rest.pose
         solids = tuple(Solid(rest.object, body, local, base) for body in pieces)
         hulls = hull_table(base, hulls.q_a, hulls.q_b, hulls.solid, solids)

@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 import numpy as np
 import numpy.typing as npt
 
-from planning.bounds import FARTHEST_COMPOSED, LATEST_S
+from planning.bounds import FARTHEST_COMPOSED
 from planning.errors import OutputError
 from planning.transforms import Array
 
@@ -79,10 +79,6 @@ class Column:
             require_values((values >= least) & (values <= most), name, values, wrong)
         if self.shape[-2:] == (4, 4):
             _require_poses(name, values)
-
-
-POSE, POSES = Column((4, 4)), Column(("rows", 4, 4))
-SECONDS = Column(("nodes",), least=0.0, largest=LATEST_S)
 
 
 def columns(kind: type) -> dict[str, Column]:

@@ -20,7 +20,6 @@ from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError, format_names
 from planning.tasks.task import Actuation, AllowedContact, Handling, Task, TimeWindow
 from scheduling.graph.columns import (
-    POSES,
     Arrays,
     Column,
     read_columns,
@@ -28,6 +27,7 @@ from scheduling.graph.columns import (
     write_columns,
 )
 from scheduling.graph.stored_cell import (
+    POSES,
     CellEntry,
     Entry,
     Index,
@@ -91,7 +91,7 @@ class _Allowed(Entry):
     )
 
     @model_serializer(mode="wrap")
-    def _what_is_said(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {k: v for k, v in write(self).items() if v is not None}
 
 
@@ -105,7 +105,7 @@ class _Window(Entry):
     ago: Seconds = Field(0.0, alias="ago_s")
 
     @model_serializer(mode="wrap")
-    def _what_there_is(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {k: v for k, v in write(self).items() if k != "ago_s" or v}
 
 
@@ -120,7 +120,7 @@ class PlanDocument(Entry):
     windows: tuple[_Window, ...] = ()
 
     @model_serializer(mode="wrap")
-    def _what_there_is(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {k: v for k, v in write(self).items() if k != "windows" or v}
 
     def check_names(self) -> None:

@@ -56,7 +56,7 @@ from planning.errors import RobotModelError
 from planning.robots.descriptions.description_files import description_sha256
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import Array
-from scheduling.graph.columns import POSE, POSES, Arrays, Column, require_values
+from scheduling.graph.columns import Arrays, Column, require_values
 
 Index = Annotated[int, Field(ge=0, lt=2**31)]
 Metres = Annotated[float, Field(ge=0, le=LARGEST_M)]
@@ -68,6 +68,7 @@ Name = Annotated[
 _Part = Annotated[int, Field(ge=0, le=255)]
 Colour = tuple[_Part, _Part, _Part]
 
+POSE, POSES = Column((4, 4)), Column(("rows", 4, 4))
 _SIZES = Column(("rows", 3), least=THINNEST_M)
 _HOME = Column(("joints",))
 _RATES = Column((3, "joints"), least=0.0, largest=FASTEST_DESCRIBED)
@@ -194,7 +195,7 @@ class CellEntry(Entry):
     begun: _Begun | None = None
 
     @model_serializer(mode="wrap")
-    def _what_there_is(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {k: v for k, v in write(self).items() if k != "begun" or v}
 
 

@@ -14,10 +14,11 @@ from typing import Annotated
 import numpy as np
 import numpy.typing as npt
 
+from planning.bounds import LATEST_S
 from planning.cell.workcell import Workcell
 from planning.tasks.task import AllowedContact, Task, TaskKind, TimeWindow
 from planning.transforms import Array, Indices, Transform
-from scheduling.graph.columns import SECONDS, Column
+from scheduling.graph.columns import Column
 
 BY_JOINTS, BY_TOOL_SPEED, BY_EFFORT = 0, 1, 2
 """What sets the times of a node: speed, acceleration and jerk of joints; the speed of the tool; or,
@@ -32,6 +33,9 @@ MOTION_CONFLICT = 1
 
 Causes = npt.NDArray[np.uint8]
 """TASK_DEPENDENCY or MOTION_CONFLICT, one an edge."""
+
+SECONDS = Column(("nodes",), least=0.0, largest=LATEST_S)
+"""Schema of times of nodes [s]."""
 
 NO_EDGES = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
 """Edges of a graph without any, and their causes."""

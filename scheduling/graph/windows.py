@@ -100,7 +100,7 @@ def least_gaps(tpg: TemporalPlanGraph, busy: Times) -> Times:
     for window, (_, done, due) in zip(
         tpg.windows, window_nodes(tpg).tolist(), strict=True
     ):
-        longest = _ways_to(graph, ever, busy, due, -1)
+        longest = _longest_paths_to(graph, ever, busy, due, -1)
         if done == TimeWindow.EARLIER:
             rows.append(longest.max(axis=0) + round(window.ago * _NANOSECONDS))
         else:
@@ -207,8 +207,8 @@ def _last_late(
     begun, done, due = window.tolist()
     own = busy[begun : done + 1].sum(axis=0)
     # What is held back waits for what comes before it anyway.
-    before = _ways_to(graph, patience, busy[:, :1].copy(), begun, -1)
-    longest = _ways_to(graph, patience, busy, due, begun)
+    before = _longest_paths_to(graph, patience, busy[:, :1].copy(), begun, -1)
+    longest = _longest_paths_to(graph, patience, busy, due, begun)
     free = (
         (longest[:, 0] != _NO_WAY) & (before[:, 0] == _NO_WAY) & ~_after(graph, begun)
     )
@@ -256,7 +256,7 @@ def _after(graph: FlatGraph, node: int) -> npt.NDArray[np.bool_]:
 
 
 @kernel
-def _ways_to(
+def _longest_paths_to(
     graph: FlatGraph, patience: Times, busy: Times, due: int, but: int
 ) -> Times:
     """Return the longest path from the start of each node to the start of one, shape (nodes, r).

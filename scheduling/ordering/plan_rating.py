@@ -68,7 +68,7 @@ class PlanRater:
         self._shortcuts = shortcuts
         self._conflicts = StretchConflicts(kept=True)
         self._motions = MotionCache()
-        self._ways = SmoothedPathCache(settings.seed)
+        self._smoothed = SmoothedPathCache(settings.seed)
 
     def rate(self, work: Assembly, plan: TaskPlan) -> RatedPlan | None:
         """Plan the motions of a task plan and rate it; None where no motions are found.
@@ -96,9 +96,9 @@ class PlanRater:
         nodes = build_nodes(motions)
         relations = TaskRelations(DerivedTpg(nodes), self._conflicts)
         blocks = find_blocks(nodes.chains, relations)
-        way = TaskOrderSearch(relations, blocks).best_path(_WIDTH)
-        by_home = max(way.clocks, default=0.0)
-        order = [blocks[b] for b in way.order()]
+        best = TaskOrderSearch(relations, blocks).best_path(_WIDTH)
+        by_home = max(best.clocks, default=0.0)
+        order = [blocks[b] for b in best.order()]
         chains = put_in_order(nodes.chains, relations, order)
         graph = DerivedTpg(connect_in_order(chains, relations, order))
         if self._shortcuts:
@@ -107,7 +107,7 @@ class PlanRater:
                 self._settings.speeds,
                 step=self._settings.step,
                 seed=self._settings.seed,
-                known=self._ways,
+                known=self._smoothed,
                 conflicts=self._conflicts,
             )
         makespan = float(graph.rollout.makespan)

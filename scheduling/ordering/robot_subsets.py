@@ -33,7 +33,7 @@ def robot_subsets(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
     Args:
         problem: the work of all robots.
     """
-    able = problem.able
+    able = problem.capable_robots
     smaller = (
         crew
         for size in range(len(able) - 1, _SMALLEST - 1, -1)

@@ -28,7 +28,7 @@ from planning.tasks.task_graph import task_graph
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.ordering.beside_skills import BesideSkills
+from scheduling.ordering.concurrent_skills import ConcurrentSkillChecker
 from scheduling.ordering.relations import TaskRelations
 
 _SHORTEST = 1e-3
@@ -84,9 +84,9 @@ class TaskConflicts:
         done = 0 if after is None else bisect_right(self._of_chain[chain], after)
         return not self._relations.stands_clear(chain, done, self._unit[task])
 
-    def beside(
+    def concurrent_skill_checker(
         self, checker: CompositeChecker, transits: Sequence[int], skills: Sequence[int]
-    ) -> BesideSkills:
+    ) -> ConcurrentSkillChecker:
         """Return checks of robots in transit while others do skills.
 
         Args:
@@ -96,18 +96,18 @@ class TaskConflicts:
         """
         relations = self._relations
         nodes = [relations.units[self._unit[task]] for task in transits]
-        return BesideSkills(
+        return ConcurrentSkillChecker(
             checker,
             relations.graph,
             dict(zip(checker.robots, nodes, strict=True)),
             [relations.stretch(self._unit[t]) for t in skills if t in self._unit],
         )
 
-    def left_behind(self, first: int, task: int) -> bool:
+    def meets_left_object(self, first: int, task: int) -> bool:
         """Tell whether a task collides with an object where the task ``first`` leaves it."""
         return self._rests_in_the_way(self._relations.left_by, first, task)
 
-    def not_yet_taken(self, task: int, later: int) -> bool:
+    def meets_untaken_object(self, task: int, later: int) -> bool:
         """Tell whether a task collides with an object that the task ``later`` picks up."""
         return self._rests_in_the_way(self._relations.taken_by, later, task)
 
@@ -317,7 +317,7 @@ class _Planner:
         task, conflicts = self.tasks[index], self.conflicts
         earlier = self._earlier(index, slot)
         for later in earlier | (slot.motions.keys() & self.handles):
-            if conflicts.not_yet_taken(index, later):
+            if conflicts.meets_untaken_object(index, later):
                 return f"it runs into an object that task {later} takes away"
         moving = {self.tasks[other].robot for other in slot.motions}
         for robot in self.queue:
@@ -327,7 +327,7 @@ class _Planner:
                 return f"robot {robot!r} stands in its way"
         for other in earlier:
             if conflicts.hold(task.robot, index, other) or (
-                index in self.handles and conflicts.left_behind(index, other)
+                index in self.handles and conflicts.meets_left_object(index, other)
             ):
                 return f"it would block task {other}"
         if self.always_jointly:
@@ -393,9 +393,9 @@ class _Planner:
             step=settings.step,
             margin=MARGIN,
         )
-        checker: CompositeChecker | BesideSkills = together
+        checker: CompositeChecker | ConcurrentSkillChecker = together
         if skills:
-            checker = self.conflicts.beside(together, indices, skills)
+            checker = self.conflicts.concurrent_skill_checker(together, indices, skills)
         start = np.concatenate([self.state.configurations[name] for name in robots])
         goal = np.concatenate([self.tasks[i].path[-1] for i in indices])
         if not (checker.configuration_free(start) and checker.configuration_free(goal)):

@@ -35,7 +35,7 @@ def cut_after(
     never: Collection[tuple[int, int]] = (),
     *,
     steps: bool = True,
-    go_on: Sequence[float] = (),
+    continue_s: Sequence[float] = (),
 ) -> Counts:
     """Return a cut: the number of committed nodes of each chain.
 
@@ -44,9 +44,9 @@ def cut_after(
         released: how many nodes of each chain have been released: they are committed.
         never: nodes (chain, node) that are not executed any more, nor what waits for them; they may
             have been released.
-        steps: whether a robot goes on to the end of what it does for the step that it has begun a
+        steps: whether a robot continues to the end of what it does for the step that it has begun a
             skill of; else to the end of its task.
-        go_on: for how long each robot continues, task by task, beyond its released nodes [s].
+        continue_s: for how long each robot continues, task by task, beyond its released nodes [s].
 
     Returns:
         A number of nodes a chain. Where something can be committed, a robot stops neither within a
@@ -58,10 +58,10 @@ def cut_after(
     if steps:
         for k in range(len(tpg.chains)):
             found.finish_step(k)
-    for k, seconds in enumerate(go_on):
-        found.go_on(k, released[k], seconds)
+    for k, seconds in enumerate(continue_s):
+        found.continue_for(k, released[k], seconds)
     for k in range(len(tpg.chains)):
-        found.let_pass(k)
+        found.finish_lag(k)
     return tuple(found.counts)
 
 
@@ -123,7 +123,7 @@ class _Commitment:
             if not self.commit(chain, following.stop):
                 return
 
-    def go_on(self, chain: int, released: int, seconds: float) -> None:
+    def continue_for(self, chain: int, released: int, seconds: float) -> None:
         """Commit further tasks of a chain for a duration beyond its released nodes [s]."""
         duration = self.tpg.chains[chain].duration
         while (node := self.counts[chain]) < len(duration):
@@ -133,7 +133,7 @@ class _Commitment:
             if not self.commit(chain, following):
                 return
 
-    def let_pass(self, chain: int) -> None:
+    def finish_lag(self, chain: int) -> None:
         """Commit the minimum time lag after a step if it starts automatically."""
         node = self.counts[chain]
         own = self._of_node[chain].get(node)

@@ -146,7 +146,7 @@ def extend_graph(
         replace(h, robot=place[committed.chains[h.robot].robot])
         for h in committed.handlings
     ]
-    # What a robot has had in its hand all along is not taken up again.
+    # What a robot has had in its hand all along is not picked again.
     hands = {h.object: h.holder for h in committed.handlings}
 
     def in_hand(h: NodeHandling) -> bool:
@@ -174,7 +174,10 @@ def extend_graph(
         cell,
         (
             *committed.tasks,
-            *(_with_hands(task, hands) for task in new.tasks[len(committed.tasks) :]),
+            *(
+                _without_repeated_pick(task, hands)
+                for task in new.tasks[len(committed.tasks) :]
+            ),
         ),
         chains,
         *NO_EDGES,
@@ -239,7 +242,7 @@ def _moved(h: NodeHandling, chain: int, count: Sequence[int]) -> NodeHandling:
     return replace(h, robot=chain, node=h.node + count[chain])
 
 
-def _with_hands(task: Task, hands: Mapping[str, str | None]) -> Task:
+def _without_repeated_pick(task: Task, hands: Mapping[str, str | None]) -> Task:
     """Return a task of a robot that already holds what the task would pick up first."""
 
     def taken(h: Handling) -> bool:

@@ -46,7 +46,7 @@ class TransitRun:
         begins: first node of each leg, and the node after the last one.
         at: ends of the legs at full speed, shape (legs + 1,) [s].
         points: ends of the legs, shape (legs + 1, n).
-        way: where nodes begin and end, shape (begins[-1] - begins[0] + 1,) [s].
+        times: where nodes begin and end, shape (begins[-1] - begins[0] + 1,) [s].
     """
 
     pace: Pace
@@ -55,7 +55,7 @@ class TransitRun:
     begins: list[int]
     at: Array
     points: Array
-    way: Array
+    times: Array
 
     @cached_property
     def longest(self) -> Array:
@@ -75,8 +75,8 @@ class TransitRun:
             most: longest windows at the ends of all legs, shape (legs + 1,) [s].
         """
         begin = self.begins[0]
-        low = max(self.at[first], self.way[self.room.start - begin])
-        high = min(self.at[last], self.way[self.room.stop - begin])
+        low = max(self.at[first], self.times[self.room.start - begin])
+        high = min(self.at[last], self.times[self.room.stop - begin])
         own = slice(first + 1, last)
         return ordered_windows(self.at[own], most[own], float(low), float(high))
 
@@ -113,8 +113,8 @@ class TransitRun:
             pace: at which it is passed.
         """
         begin = self.begins[0]
-        floor = max(float(path.at[0]), float(self.way[self.room.start - begin]))
-        limit = min(float(path.at[-1]), float(self.way[self.room.stop - begin]))
+        floor = max(float(path.at[0]), float(self.times[self.room.start - begin]))
+        limit = min(float(path.at[-1]), float(self.times[self.room.stop - begin]))
         order = np.argsort(pace.low)
         low, high = pace.low[order] - _BESIDE, pace.high[order] + _BESIDE
         at, until = float(low[0]), float(high[0])
@@ -170,8 +170,8 @@ def _runs_of(
     ends = node_ends(chain, low, high)
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     points = ends[[b - low for b in begins]]
-    ways = zip(begins, points, np.diff(points, axis=0), strict=False)
-    cruise = [pace.full_speed_seconds(*path) for path in ways]
+    legs = zip(begins, points, np.diff(points, axis=0), strict=False)
+    cruise = [pace.full_speed_seconds(*path) for path in legs]
     still = [k for k, seconds in enumerate(cruise) if seconds < _LEAST]
     for before, b in pairwise([-1, *still, len(cruise)]):
         a = before + 1
@@ -195,12 +195,12 @@ class BentNodes(NamedTuple):
     Attributes:
         swap: the nodes that they replace.
         nodes: as many others, as a chain of their own.
-        way: where they begin and end, shape (nodes + 1,) [s].
+        times: where they begin and end, shape (nodes + 1,) [s].
     """
 
     swap: Swap
     nodes: NodeChain
-    way: Array
+    times: Array
 
 
 class NodesLeft:
@@ -211,19 +211,19 @@ class NodesLeft:
     """
 
     def __init__(self, run: TransitRun) -> None:
-        self._run, self._start, self._way = run, run.room.start, run.way
+        self._run, self._start, self._times = run, run.room.start, run.times
 
     def bent(
         self, chain: NodeChain, path: BlendedPath, low: float, high: float
     ) -> BentNodes | None:
         """Return the nodes of a bend, see ``_bent_nodes``; the remaining nodes are updated."""
         begin, room = self._run.begins[0], range(self._start, self._run.room.stop)
-        own = self._way[room.start - begin : room.stop - begin + 1]
+        own = self._times[room.start - begin : room.stop - begin + 1]
         found = _bent_nodes(chain, self._run.chain, room, own, path, low, high)
         if found is not None:
             at = found.swap.first - begin
-            self._way = self._way.copy()
-            self._way[at : at + len(found.way)] = found.way
+            self._times = self._times.copy()
+            self._times[at : at + len(found.times)] = found.times
             assert found.nodes.corners is not None
             self._start = found.swap.first + int(found.nodes.corners.stop[0])
         return found
@@ -233,7 +233,7 @@ def _bent_nodes(
     chain: NodeChain,
     index: int,
     room: range,
-    way: Array,
+    times: Array,
     path: BlendedPath,
     low: float,
     high: float,
@@ -246,18 +246,18 @@ def _bent_nodes(
         chain: whose nodes are to be replaced.
         index: of it.
         room: nodes that may be: on the straight paths of ``path``.
-        way: where they begin and end, shape (len(room) + 1,) [s].
+        times: where they begin and end, shape (len(room) + 1,) [s].
         path: the whole path.
         low, high: where the bend begins and ends: within no window of a corner [s].
     """
     at = path.at[1:-1]
     corners = (at > low) & (at < high)
     # The last node that begins before the bend, and the first one that ends after it.
-    first = int(np.searchsorted(way, low + _SAME, side="right")) - 1
-    last = int(np.searchsorted(way, high - _SAME, side="left")) - 1
+    first = int(np.searchsorted(times, low + _SAME, side="right")) - 1
+    last = int(np.searchsorted(times, high - _SAME, side="left")) - 1
     if first < 0 or last >= len(room):
         return None
-    left = low - float(way[first]), float(way[last + 1]) - high
+    left = low - float(times[first]), float(times[last + 1]) - high
     if any(_SAME < gap < _SHORTEST for gap in left):
         return None
     before, after = (bool(gap > _SAME) for gap in left)
@@ -279,7 +279,11 @@ def _bent_nodes(
     else:
         waypoints[-1] = ends[-1]
     inner = low + (high - low) * marks / count
-    edges = [*way[first : first + before], *inner, *way[last + 1 : last + 1 + after]]
+    edges = [
+        *times[first : first + before],
+        *inner,
+        *times[last + 1 : last + 1 + after],
+    ]
     nodes = slice(room.start + first, room.start + last + 1)
     rank = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     bend = NodeChain(

@@ -26,7 +26,7 @@ from scheduling.pace import paces
 from scheduling.shortcuts.bends import BentNodes, NodesLeft, TransitRun, find_runs
 from scheduling.shortcuts.candidates import find_spans
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals, do_stands_stay_clear
+from scheduling.shortcuts.replacement_check import Rivals, are_standing_robots_clear
 from scheduling.shortcuts.rewiring import Swap, rewire
 from scheduling.shortcuts.static_scene import StaticSceneCache
 from scheduling.stretch_times import stretch_drive
@@ -155,17 +155,17 @@ class _Rounder:
     def _take(self, found: BentNodes) -> tuple[float, float] | None:
         """Insert the nodes of a bend, or return the blocked part of the path."""
         graph, nodes, swap = self.graph, found.nodes, found.swap
-        amid = self._scenery.amid(graph, swap.chain, swap.first, swap.last)
+        scene = self._scenery.scene_during(graph, swap.chain, swap.first, swap.last)
         chords = np.vstack([nodes.start[None], nodes.waypoints])
         for k, (a, b) in enumerate(pairwise(chords)):
-            if not amid.checker.motion_free(a, b):
+            if not scene.checker.motion_free(a, b):
                 node = int(np.searchsorted(nodes.first, k, side="right")) - 1
-                return float(found.way[node]), float(found.way[node + 1])
+                return float(found.times[node]), float(found.times[node + 1])
         stretch = nodes_stretch(graph, swap.chain, swap.first, swap.last + 1, nodes)
         rivals = Rivals(graph, self._pieces, swap, stretch)
         candidate = rewire(graph, swap, nodes, rivals.edges(graph))
-        if not do_stands_stay_clear(candidate, self._pieces, swap, stretch):
-            return float(found.way[0]), float(found.way[-1])
+        if not are_standing_robots_clear(candidate, self._pieces, swap, stretch):
+            return float(found.times[0]), float(found.times[-1])
         self.graph = candidate
         self._pieces.replace_nodes(swap)
         return None
@@ -210,9 +210,9 @@ class _Choice:
         Args:
             most: longest windows at the ends of legs, 0 where nothing can be rounded [s].
         """
-        ways = len(self._run.at) - 1
-        least, came = np.zeros(ways + 1), np.zeros(ways + 1, dtype=np.int64)
-        for stop in range(1, ways + 1):
+        count = len(self._run.at) - 1
+        least, came = np.zeros(count + 1), np.zeros(count + 1, dtype=np.int64)
+        for stop in range(1, count + 1):
             least[stop] = np.inf
             for begin in range(stop - 1, max(stop - 1 - _MOST_WAYS, -1), -1):
                 if begin + 1 < stop and most[begin + 1] <= 0.0:
@@ -221,7 +221,7 @@ class _Choice:
                 seconds = least[begin] + self._seconds(begin, stop, most)
                 if seconds < least[stop] - gain:
                     least[stop], came[stop] = seconds, begin
-        rests = [ways]
+        rests = [count]
         while rests[-1] > 0:
             rests.append(int(came[rests[-1]]))
         return rests[::-1]

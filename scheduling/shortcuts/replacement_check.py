@@ -104,7 +104,7 @@ class Rivals:
         return edges
 
 
-def do_stands_stay_clear(
+def are_standing_robots_clear(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
 ) -> bool:
     """Tell whether new nodes and standing robots are clear of each other, in the new graph.
@@ -124,7 +124,7 @@ def do_stands_stay_clear(
         and _stand_clear(graph, pieces, swap, other)
         for other in range(len(graph.tpg.chains))
         if other != swap.chain
-    ) and _gifts_stay_clear(graph, pieces, swap, new)
+    ) and _are_received_objects_clear(graph, pieces, swap, new)
 
 
 def _clear_of_stands(
@@ -168,7 +168,7 @@ def _stand_clear(
     )
 
 
-def _gifts_stay_clear(
+def _are_received_objects_clear(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
 ) -> bool:
     """Tell whether new nodes are clear of objects handed to standing robots.

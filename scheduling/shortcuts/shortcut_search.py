@@ -21,7 +21,7 @@ from scheduling.shortcuts.candidates import (
     remove_waypoints_on_lines,
 )
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals, do_stands_stay_clear
+from scheduling.shortcuts.replacement_check import Rivals, are_standing_robots_clear
 from scheduling.shortcuts.rewiring import (
     EARLY,
     IN_PLACE,
@@ -42,7 +42,7 @@ _LEAST = 5e-5
 """Least time that a shortcut has to save its robot, as a share of the makespan."""
 
 _WORTH = 3e-4
-"""Shortcuts go on while those of a window shorten the makespan by this share of it."""
+"""Shortcutting continues while those of a window shorten the makespan by this share of it."""
 
 _FEWEST = 500
 """Least number of candidates in a window."""
@@ -105,7 +105,7 @@ class ShortcutSearch:
         return float(self.graph.rollout.makespan)
 
     def saved_time_bound(self, before: float) -> bool:
-        """Tell whether the plan has become shorter by enough to go on [s]."""
+        """Tell whether the plan has become shorter by enough to continue [s]."""
         return before - self.makespan >= _WORTH * self.makespan
 
     @property
@@ -123,7 +123,7 @@ class ShortcutSearch:
 
     def _span_excess(self, which: int) -> float:
         span = self.spans[which]
-        return self._most_saved(span.chain, span.first, span.last)
+        return self._saving_bound(span.chain, span.first, span.last)
 
     def _find_critical(self) -> list[int]:
         graph, flat = self.graph, self.graph.flat
@@ -158,10 +158,10 @@ class ShortcutSearch:
             ).tolist()
         if shape == SMOOTH:
             return self._smoothed(which, first, last, rng)
-        if self._most_saved(span.chain, first, last) < self._least:
+        if self._saving_bound(span.chain, first, last) < self._least:
             return None
-        path = candidate_path(self.way(span.chain, first, last), shape, rng)
-        return self._gaining(which, first, last, path)
+        path = candidate_path(self.waypoints(span.chain, first, last), shape, rng)
+        return self._faster_candidate(which, first, last, path)
 
     def _next_part(self) -> tuple[int, int, int] | None:
         """Return a part of a transit span to smooth: whole ones first, halves of refused ones."""
@@ -185,13 +185,13 @@ class ShortcutSearch:
     ) -> Candidate | None:
         """Return a candidate shortened as far as possible, checked against static obstacles only."""
         chain = self.spans[which].chain
-        if self._most_saved(chain, first, last) < self._least:
+        if self._saving_bound(chain, first, last) < self._least:
             return None
-        amid = self._scenery.amid(self.graph, chain, first, last)
+        scene = self._scenery.scene_during(self.graph, chain, first, last)
         speed = self._speeds[self.graph.tpg.chains[chain].robot]
-        old = remove_waypoints_on_lines(self.way(chain, first, last))
-        path = amid.smoothed(old, speed, rng)
-        return self._gaining(which, first, last, path)
+        old = remove_waypoints_on_lines(self.waypoints(chain, first, last))
+        path = scene.smoothed(old, speed, rng)
+        return self._faster_candidate(which, first, last, path)
 
     def _split(self, which: int, first: int, last: int) -> None:
         """Queue the halves of nodes that could not be replaced as a whole, if they are many."""
@@ -205,20 +205,20 @@ class ShortcutSearch:
                 (which, first, first + half),
             ]
 
-    def _most_saved(self, chain: int, first: int, last: int) -> float:
+    def _saving_bound(self, chain: int, first: int, last: int) -> float:
         """Return an upper bound of the saving: that of a straight line [s]."""
         if last <= first:
             return 0.0
-        nodes, path = self.graph.tpg.chains[chain], self.way(chain, first, last)
+        nodes, path = self.graph.tpg.chains[chain], self.waypoints(chain, first, last)
         direct = self._speeds[nodes.robot].duration(path[0], path[-1])
         return float(nodes.duration[first : last + 1].sum()) - direct
 
-    def way(self, chain: int, first: int, last: int) -> Array:
+    def waypoints(self, chain: int, first: int, last: int) -> Array:
         """Return the waypoints from the start of a node to the end of another."""
         nodes = self.graph.tpg.chains[chain]
         return nodes.waypoints[nodes.first[first] - 1 : nodes.first[last + 1]]
 
-    def _gaining(
+    def _faster_candidate(
         self, which: int, first: int, last: int, path: Array
     ) -> Candidate | None:
         """Return a candidate if it is faster than the nodes that it replaces."""
@@ -249,7 +249,7 @@ class ShortcutSearch:
         """
         graph, index = self.graph, self.spans[which].chain
         chain = graph.tpg.chains[index]
-        if not self._scenery.amid(graph, index, first, last).free(path):
+        if not self._scenery.scene_during(graph, index, first, last).free(path):
             return False
         new = new_nodes(chain, first, last, path, self._speeds[chain.robot], self._step)
         if new is None:
@@ -268,7 +268,7 @@ class ShortcutSearch:
             candidate = rewire(ordered, swap, new, rivals.edges(ordered))
             if self._late(candidate, latest):
                 continue
-            if do_stands_stay_clear(candidate, self._pieces, swap, stretch):
+            if are_standing_robots_clear(candidate, self._pieces, swap, stretch):
                 self._take(candidate, which, swap)
                 return True
         return False

@@ -60,17 +60,17 @@ def _apply_sidesteps(
         progress: called with candidates done and in all.
     """
     rng = np.random.default_rng([seed, _SPREAD])
-    beside = runs_beside_waits(board)
+    candidates_at_waits = runs_beside_waits(board)
     since, before = 0, board.makespan
     for done in range(candidates):
-        if not beside:
+        if not candidates_at_waits:
             break
         if since == board.window:
             if not board.saved_time_bound(before):
                 break
             since, before = 0, board.makespan
         since += 1
-        which, node = beside[int(rng.integers(len(beside)))]
+        which, node = candidates_at_waits[int(rng.integers(len(candidates_at_waits)))]
         span = board.spans[which]
         # Ends of the run are kept as often as not: most of the way there is the most room.
         first = (
@@ -82,10 +82,10 @@ def _apply_sidesteps(
             span.last if rng.random() < 0.5 else int(rng.integers(node, span.last + 1))
         )
         path = _around_corner(
-            board, span.chain, board.way(span.chain, first, last), rng
+            board, span.chain, board.waypoints(span.chain, first, last), rng
         )
         if board.try_candidate(which, first, last, path, sooner=_LEAST):
-            beside = runs_beside_waits(board)
+            candidates_at_waits = runs_beside_waits(board)
         if done % 16 == 0:
             progress(done, candidates)
     progress(candidates, candidates)

@@ -122,10 +122,12 @@ class StaticSceneCache:
 
     def __init__(self, known: SmoothedPathCache | None = None) -> None:
         self._known = known
-        self._amid: BoundedCache[StaticScene] = BoundedCache(_KEPT_SCENES)
+        self._scenes: BoundedCache[StaticScene] = BoundedCache(_KEPT_SCENES)
         self._rests: _Rests | None = None
 
-    def amid(self, graph: DerivedTpg, index: int, first: int, last: int) -> StaticScene:
+    def scene_during(
+        self, graph: DerivedTpg, index: int, first: int, last: int
+    ) -> StaticScene:
         """Return the static obstacles during some nodes.
 
         Args:
@@ -142,9 +144,9 @@ class StaticSceneCache:
         def build() -> StaticScene:
             rests = graph.history.rests
             there = tuple(rests[k] for k in np.flatnonzero(present).tolist())
-            return _amid(graph, index, first, tasks, there, self._known)
+            return _build_scene(graph, index, first, tasks, there, self._known)
 
-        return self._amid.get(key, build)
+        return self._scenes.get(key, build)
 
     def _present(
         self, graph: DerivedTpg, index: int, first: int, last: int
@@ -189,7 +191,7 @@ class _Rests(NamedTuple):
         )
 
 
-def _amid(
+def _build_scene(
     graph: DerivedTpg,
     index: int,
     first: int,

@@ -129,7 +129,7 @@ class VerifiedRobot:
             for part in robot.loads(c.object, tpg.cell.object(c.object).shape, c.pose)
         ]
         if self.chain is None:
-            self.pieces = _standing_for_ever(placed.home)
+            self.pieces = _standing_pieces(placed.home)
         else:
             parts = [*robot.parts, *(part for _, part in loads)]
             weights = np.array([part.weight for part in parts])
@@ -247,7 +247,7 @@ def _over_before(
     return np.where(begin >= 0, known[np.maximum(begin, 0)], 0)
 
 
-def at_once(
+def simultaneous_pieces(
     a: VerifiedRobot, b: VerifiedRobot, precedence: Precedence
 ) -> tuple[Indices, Indices]:
     """Return, per piece of a robot, the pieces of another that may be simultaneous.
@@ -260,7 +260,7 @@ def at_once(
     return low, np.maximum(low, high)
 
 
-def while_there(
+def pieces_during(
     robot: VerifiedRobot, resting: list[Resting], precedence: Precedence
 ) -> tuple[Indices, Indices]:
     """Return, per thing at rest, the pieces of a robot that may happen during its presence."""
@@ -290,7 +290,7 @@ def while_there(
     return low, np.maximum(low, high)
 
 
-def _standing_for_ever(home: Array) -> Pieces:
+def _standing_pieces(home: Array) -> Pieces:
     one = np.zeros(1, dtype=np.int64)
     stands, tasks = np.ones(1, dtype=np.bool_), np.full((1, 2), -1)
     return Pieces(np.stack([home] * 2), one, stands, one, 1, tasks)
@@ -318,14 +318,14 @@ def _cut(chain: NodeChain, weights: Array) -> Pieces:
     stands = np.vstack([before, chain.waypoints[-1:]])[first]
     near = np.stack([np.maximum(holds - 1, 0), np.minimum(holds, count - 1)], axis=1)
 
-    def woven(moving: Indices, still: Indices) -> Indices:
+    def interleaved(moving: Indices, still: Indices) -> Indices:
         return np.insert(moving, where, still, axis=0)
 
     return Pieces(
         np.vstack([chain.start[None], np.insert(ends, where, stands, axis=0)]),
-        woven(node, holds),
+        interleaved(node, holds),
         np.insert(np.zeros(len(motion), dtype=np.bool_), where, True),
-        woven(moment, holds * room),
+        interleaved(moment, holds * room),
         room,
-        woven(np.repeat(chain.task[node][:, None], 2, axis=1), chain.task[near]),
+        interleaved(np.repeat(chain.task[node][:, None], 2, axis=1), chain.task[near]),
     )

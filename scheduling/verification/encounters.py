@@ -17,8 +17,8 @@ from planning.transforms import Array, Indices
 from scheduling.verification.bodies import (
     StillBodies,
     VerifiedRobot,
-    at_once,
-    while_there,
+    pieces_during,
+    simultaneous_pieces,
 )
 from scheduling.verification.graph_structure import Precedence
 from scheduling.verification.problems import Moment
@@ -149,7 +149,7 @@ class Encounters:
     def _of_robots(
         self, a: VerifiedRobot, b: VerifiedRobot, limit: float
     ) -> Iterator[Encounter]:
-        windows = at_once(a, b, self._precedence)
+        windows = simultaneous_pieces(a, b, self._precedence)
         self.pairs += int((windows[1] - windows[0]).sum())
         limits = np.full((len(a.bodies), len(b.bodies)), limit)
         for close in close_pairs(a.sweeps, b.sweeps, windows, limits):
@@ -166,7 +166,7 @@ class Encounters:
 
     def _at_rest(self, robot: VerifiedRobot, limit: float) -> Iterator[Encounter]:
         still = self._still
-        windows = while_there(robot, still.resting, self._precedence)
+        windows = pieces_during(robot, still.resting, self._precedence)
         self.pairs += int((windows[1] - windows[0]).sum())
         limits: Array = np.full((1, len(robot.bodies)), limit)
         for close in close_pairs(still.sweeps, robot.sweeps, windows, limits):

@@ -23,11 +23,11 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from scheduling.verification.object_places import (
     JUMP,
-    Whereabouts,
+    ObjectLocation,
     distance_of,
+    object_locations,
     planned_key,
     stand_during,
-    whereabouts,
 )
 from scheduling.verification.problems import Problem, node_problem, pair_problem
 
@@ -66,14 +66,14 @@ def check_structure(tpg: TemporalPlanGraph) -> tuple[Precedence | None, list[Pro
     precedence = find_precedence(tpg)
     if precedence is None:
         return None, [Problem("cycle", "the edges form a cycle")]
-    problems = list(_against_the_order(tpg))
-    for name, places in whereabouts(tpg).items():
+    problems = list(_order_problems(tpg))
+    for name, places in object_locations(tpg).items():
         problems += _unordered_handlings(tpg, precedence, name, places)
     problems += _dependencies_not_kept(tpg, precedence)
     return precedence, problems
 
 
-def _against_the_order(tpg: TemporalPlanGraph) -> Iterator[Problem]:
+def _order_problems(tpg: TemporalPlanGraph) -> Iterator[Problem]:
     for a, chain in enumerate(tpg.chains):
         for v in range(1, len(chain)):
             if planned_key(tpg, a, v) < planned_key(tpg, a, v - 1):
@@ -90,7 +90,7 @@ def _unordered_handlings(
     tpg: TemporalPlanGraph,
     precedence: Precedence,
     name: str,
-    places: Sequence[Whereabouts],
+    places: Sequence[ObjectLocation],
 ) -> Iterator[Problem]:
     """Yield unordered handlings of an object.
 
@@ -223,7 +223,7 @@ def not_as_said(
                 yield node_problem(tpg, "task", own[:2], f"{task.label}: {text}")
     for k, chain in enumerate(tpg.chains):
         if not tpg.cell.is_machine(chain.robot):
-            yield from _leaps(tpg, k, speeds[chain.robot])
+            yield from _jump_problems(tpg, k, speeds[chain.robot])
 
 
 def _nodes_of_tasks(chain: NodeChain) -> Iterator[tuple[int, int, int]]:
@@ -296,7 +296,9 @@ def _words(change: Handling | NodeHandling) -> str:
     return f"{change.object!r} goes to {change.holder or 'rest'}"
 
 
-def _leaps(tpg: TemporalPlanGraph, index: int, speeds: Array) -> Iterator[Problem]:
+def _jump_problems(
+    tpg: TemporalPlanGraph, index: int, speeds: Array
+) -> Iterator[Problem]:
     """Yield robots that do not begin at HOME, and nodes in which they exceed their speed limits."""
     chain = tpg.chains[index]
     away = np.abs(chain.start - tpg.cell.robot(chain.robot).home)

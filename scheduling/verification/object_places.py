@@ -91,7 +91,7 @@ def planned_key(
 
 
 @dataclass(frozen=True)
-class Whereabouts:
+class ObjectLocation:
     """Location of an object between two of its handlings.
 
     Attributes:
@@ -99,19 +99,19 @@ class Whereabouts:
         pose: of its centre in the holder's flange frame, or in the world.
         put: chain, node and waypoint from which on it is there, None from the start on, in a hand too.
         taken: those from which on it is elsewhere, None if it stays.
-        there: False for what has not come up yet.
+        present: False for what has not come up yet.
     """
 
     holder: str | None
     pose: Transform
     put: _Moment | None
     taken: _Moment | None
-    there: bool = True
+    present: bool = True
 
 
-def whereabouts(tpg: TemporalPlanGraph) -> dict[str, list[Whereabouts]]:
+def object_locations(tpg: TemporalPlanGraph) -> dict[str, list[ObjectLocation]]:
     """Return the locations of every object, in planned order, its start first."""
-    found: dict[str, list[Whereabouts]] = {}
+    found: dict[str, list[ObjectLocation]] = {}
     handled: dict[str, list[NodeHandling]] = {
         item.name: [] for item in tpg.cell.objects
     }
@@ -130,7 +130,9 @@ def whereabouts(tpg: TemporalPlanGraph) -> dict[str, list[Whereabouts]]:
             )
         at = [first, *((h.holder, h.pose) for h in events)]
         found[item.name] = [
-            Whereabouts(*place, put, taken, there=put is not None or not item.later)
+            ObjectLocation(
+                *place, put, taken, present=put is not None or not item.later
+            )
             for place, put, taken in zip(at, [None, *when], [*when, None], strict=True)
         ]
     return found
@@ -150,10 +152,10 @@ def object_histories(
     """
     carried: list[Carried] = []
     resting = [Resting(f.name, f.pose, f.shape, None, None) for f in tpg.cell.fixtures]
-    places = ((name, at) for name, own in whereabouts(tpg).items() for at in own)
+    places = ((name, at) for name, own in object_locations(tpg).items() for at in own)
     for name, at in places:
         shape = tpg.cell.object(name).shape
-        if at.holder == Handling.GONE or not at.there:
+        if at.holder == Handling.GONE or not at.present:
             continue
         if at.holder is None:
             resting.append(Resting(name, at.pose, shape, at.put, at.taken))
@@ -211,7 +213,7 @@ def jumps(tpg: TemporalPlanGraph, flange: FlangeAt) -> Iterator[Problem]:
         tpg: the plan.
         flange: see ``FlangeAt``.
     """
-    for name, places in whereabouts(tpg).items():
+    for name, places in object_locations(tpg).items():
         if (holder := places[0].holder) is not None:
             item, chain = tpg.cell.object(name), tpg.chain_index[holder]
             there = flange(chain, 0, 0) @ places[0].pose
@@ -241,8 +243,8 @@ def _placed(pose: Transform, points: Array) -> Array:
 def _wrong(
     tpg: TemporalPlanGraph,
     item: CellObject,
-    before: Whereabouts,
-    after: Whereabouts,
+    before: ObjectLocation,
+    after: ObjectLocation,
     flange: FlangeAt,
 ) -> str | None:
     """Return the fault of a change of hands, None for none."""
@@ -250,7 +252,7 @@ def _wrong(
     moment, holder, to = after.put, before.holder, after.holder
     who = tpg.chains[moment[0]].robot
 
-    def in_world(at: Whereabouts) -> Transform:
+    def world_pose(at: ObjectLocation) -> Transform:
         """Return its location at a moment, whether in a hand or at rest."""
         if at.holder is None:
             return at.pose
@@ -261,31 +263,31 @@ def _wrong(
 
     if holder == Handling.GONE:
         return "is handled after it has left the cell"
-    if not before.there and to is not None:
+    if not before.present and to is not None:
         return "is handled before it has come up"
     chain, node = moment[:2]
     kind = tpg.tasks[int(tpg.chains[chain].task[node])].kind
     lost = to == Handling.GONE and kind in (TaskKind.FAILED, TaskKind.TAKEN_OUT)
     # A robot that failed to pick it has measured its pose.
-    found = kind == TaskKind.FAILED and before.there and holder is None and to is None
+    found = kind == TaskKind.FAILED and before.present and holder is None and to is None
     if found:
         return None
     takes = tpg.cell.is_machine(who) or lost
-    if before.there and who not in (holder, to) and not takes:
+    if before.present and who not in (holder, to) and not takes:
         return f"changes hands, and {who!r} neither has it nor gets it"
     if to == Handling.GONE:
         return None
-    apart = distance_of(item, in_world(before), in_world(after))
-    words = _words(holder, to, before.there)
+    apart = distance_of(item, world_pose(before), world_pose(after))
+    words = _words(holder, to, before.present)
     return words.format(f"{apart * 1e3:.2f} mm") if apart > JUMP else None
 
 
-def _words(holder: str | None, to: str | None, there: bool) -> str:
+def _words(holder: str | None, to: str | None, present: bool) -> str:
     """Return a description of the event, with a placeholder for the distance."""
     if holder is None and to is not None:
         return f"is taken by {to!r} {{}} away from where it lies"
     if holder is None:
-        at = "where it is to come up" if not there else "where it lies, by itself"
+        at = "where it is to come up" if not present else "where it lies, by itself"
         return f"is put {{}} away from {at}"
     if to is None:
         return f"is put down {{}} away from where it is in the hand of {holder!r}"

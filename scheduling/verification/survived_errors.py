@@ -141,7 +141,7 @@ def survived_errors(
         open_sides = [side.limiting is None for side in search]
         for number, encounters in enumerate(met.all_within(_LEFT, _LEFT)):
             if open_sides[number >= pairs]:
-                search[number >= pairs].go_on(encounters, share)
+                search[number >= pairs].check(encounters, share)
         if all(side.limiting is not None for side in search):
             break
     between, from_rest = (SurvivedShare(s.share, s.limiting) for s in search)
@@ -165,7 +165,7 @@ class _ShareSearch:
         self.share = math.inf
         self.limiting: Limiting | None = None
 
-    def go_on(self, encounters: Iterator[Encounter], share: float) -> None:
+    def check(self, encounters: Iterator[Encounter], share: float) -> None:
         """Check encounters of parts with a share of the error.
 
         Those with less come near each other in fewer pieces, so that one look at each is enough.

@@ -75,15 +75,15 @@ def too_deep_in_hand(
         chain = tpg.chains[held.chain]
         robot = geometry[chain.robot]
         load = _load(tpg, robot, held)
-        beside = [part for part in robot.parts if part.joint == robot.dof - 1]
+        fixed_parts = [part for part in robot.parts if part.joint == robot.dof - 1]
         for other in carried[:k]:
             if other.chain == held.chain and _meet(other, held):
-                beside += _load(tpg, robot, other)
+                fixed_parts += _load(tpg, robot, other)
         frames = robot.joint_frames_along(chain.start[None])[0]
         tasks = set(chain.task[held.start[0] : held.end[0] + 1].tolist())
         deepest: dict[str, float] = {}
         for part in load:
-            for other_part in beside:
+            for other_part in fixed_parts:
                 at = frames[part.joint + 1], frames[other_part.joint + 1]
                 depth = -measure(part, at[0], other_part, at[1])
                 entity = other_part.entity
@@ -112,7 +112,9 @@ def _meet(one: Carried, other: Carried) -> bool:
     return one.start < other.end and other.start < one.end
 
 
-def touching_itself(robot: VerifiedRobot, reference: WitnessRobot) -> Iterator[Problem]:
+def self_contact_problems(
+    robot: VerifiedRobot, reference: WitnessRobot
+) -> Iterator[Problem]:
     """Yield nodes with self-collision of a robot, or contact with its load.
 
     Parts of neighbouring joints touch by design, and those that overlap at HOME only do so because
@@ -122,7 +124,8 @@ def touching_itself(robot: VerifiedRobot, reference: WitnessRobot) -> Iterator[P
         robot: its pieces, parts and loads.
         reference: its geometry.
     """
-    own = OwnMotions(reference, robot.pieces.knots)
+    knots = robot.pieces.knots
+    own = OwnMotions(reference, knots, reference.joint_frames_along(knots))
     parts = [body for body in robot.bodies if not body.load]
     loads = [body for body in robot.bodies if body.load]
     home = reference.joint_frames_along(robot.home[None])[0]

@@ -38,8 +38,8 @@ from scheduling.verification.problems import Moment, Problem
 from scheduling.verification.survived_errors import SurvivedErrors, survived_errors
 from scheduling.verification.touching import (
     allowed_depths,
+    self_contact_problems,
     too_deep_in_hand,
-    touching_itself,
 )
 from scheduling.witness.measuring import Measuring
 from scheduling.witness.parts import TOLERANCE
@@ -188,7 +188,7 @@ class _ClearanceCheck:
                 self.problems += _without_repeats(seen[lies])
             if done > pairs:
                 robot = robots[done - pairs - 1]
-                self.problems += touching_itself(robot, geometry[robot.name])
+                self.problems += self_contact_problems(robot, geometry[robot.name])
             self.progress(done, met.count)
         self.pairs = met.pairs
 

@@ -19,7 +19,7 @@ from scheduling.witness.parts import separation
 
 _FINEST = 1e-5
 """Motions that get no further than this are not cut [m]."""
-_PRECISION = 5e-5
+PRECISION = 5e-5
 """Least distances are true to within this [m]."""
 _TOGETHER = 256
 """Pairs that one direction is tried on."""
@@ -109,7 +109,7 @@ class Measuring:
         *,
         lockstep: bool = False,
     ) -> float:
-        """Return the least distance of two parts in pairs of pieces, to within ``_PRECISION`` [m].
+        """Return the least distance of two parts in pairs of pieces, to within ``PRECISION`` [m].
 
         Args:
             x, y, pairs, lockstep: see ``too_close``.
@@ -117,7 +117,7 @@ class Measuring:
         """
         one = np.zeros(len(pairs[0]), dtype=np.int64)
         while True:
-            limit = below - _PRECISION
+            limit = below - PRECISION + 2.0 * _FINEST
             found = self.too_close(x, y, pairs, limit, one, lockstep=lockstep)
             if (nearer := next(found, None)) is None:
                 return below
@@ -146,5 +146,7 @@ class Measuring:
 
 
 def _reach(motion: Motion, pieces: Indices, direction: Array) -> Array:
+    if np.all(pieces[1:] > pieces[:-1]):
+        return motion.reach(pieces, direction)
     once, where = np.unique(pieces, return_inverse=True)
     return np.asarray(motion.reach(once, direction)[where])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from scheduling.witness.parts import ConvexPart
 from scheduling.witness.robot import SeenFrom, WitnessRobot
 from scheduling.witness.shapes import farthest, farthest_from
 from scheduling.witness.sweeps import DIRECTIONS
+
+_BOTH_SENSES = np.concatenate([DIRECTIONS, -DIRECTIONS])
 
 _FINER = 4
 """Pieces that one is cut into where it is looked at closer."""
@@ -53,18 +56,18 @@ class Motion:
         """
         ends = np.stack([pieces, pieces + 1])
         reach = self._at_knots(self.frames[ends.reshape(-1)], direction[None])
-        most = reach.reshape(2, -1).max(axis=0) + self._bulge(pieces)
+        most = reach.reshape(2, -1).max(axis=0) + self._bulge[pieces]
         return np.asarray(most + self.strays(pieces))
 
     def extents(self, pieces: Indices) -> tuple[Array, Array]:
         """Return bounds of the part's extents along DIRECTIONS, least and most, both (13, k) [m]."""
-        here = np.unique(np.concatenate([pieces, pieces + 1]))
-        first = np.searchsorted(here, pieces)
-        frames = self.frames[here]
-        bulge = self._bulge(pieces) + self.strays(pieces)
-        most = self._at_knots(frames, DIRECTIONS)
-        least = -self._at_knots(frames, -DIRECTIONS)
-        low = np.minimum(least[:, first], least[:, first + 1]) - bulge
+        here, first = np.arange(len(self.knots)), pieces
+        if len(pieces) < len(self):
+            here = np.unique(np.concatenate([pieces, pieces + 1]))
+            first = np.searchsorted(here, pieces)
+        bulge = self._bulge[pieces] + self.strays(pieces)
+        most, least = np.split(self._at_knots(self.frames[here], _BOTH_SENSES), 2)
+        low = np.minimum(-least[:, first], -least[:, first + 1]) - bulge
         return low, np.maximum(most[:, first], most[:, first + 1]) + bulge
 
     def strays(self, pieces: Indices) -> Array:
@@ -74,7 +77,7 @@ class Motion:
             return off
         ends = np.stack([pieces, pieces + 1])
         far = self._from_origin(self.frames[ends.reshape(-1)]).reshape(2, -1)
-        most = far.max(axis=0) + self._bulge(pieces)
+        most = far.max(axis=0) + self._bulge[pieces]
         return np.asarray(off + self.error.m + self.error.rad * most)
 
     def strays_at(self, frame: Array, piece: int = 0) -> float:
@@ -107,6 +110,8 @@ class Motion:
 
     def moved(self, piece: int) -> float:
         """Return a bound on the displacement of the part from the middle of a piece [m]."""
+        if self.robot is None:
+            return 0.0
         step = np.abs(self.knots[piece + 1] - self.knots[piece])
         return 0.5 * float(step @ self.part.weight)
 
@@ -125,21 +130,22 @@ class Motion:
 
     def _at_knots(self, frames: Array, directions: Array) -> Array:
         """Return the part's extents along directions at joint poses, (d, k) [m]."""
-        local = np.tensordot(directions, frames[:, :3, :3], axes=(1, 1))
-        own = local.reshape(-1, 3) @ self.part.local[:3, :3]
+        local = directions @ frames[:, :3, :3]
+        own = (local @ self.part.local[:3, :3]).reshape(-1, 3)
         reach = farthest(self.part.shape, own).reshape(local.shape[:2])
-        there = local @ self.part.local[:3, 3]
-        return np.asarray(reach + there + directions @ frames[:, :3, 3].T)
+        reach += local @ self.part.local[:3, 3] + frames[:, :3, 3] @ directions.T
+        return np.asarray(reach.T)
 
-    def _bulge(self, pieces: Indices) -> Array:
-        """Return a bound on the deviation of any point from the straight line between its ends, shape (k,) [m].
+    @cached_property
+    def _bulge(self) -> Array:
+        """Bounds on the deviation of any point from the straight line between its ends, by piece, shape (s,) [m].
 
         A point p(t) is no further from it than max |p''| / 8, and each pair of joints adds to
         p'' no more than the turn of the inner times what the outer one moves.
         """
         if self.robot is None:
-            return np.zeros(len(pieces))
-        step = np.abs(self.knots[pieces + 1] - self.knots[pieces])
+            return np.zeros(len(self))
+        step = np.abs(np.diff(self.knots, axis=0))
         turn = step * self.robot.turns
         inner = 2.0 * np.cumsum(turn, axis=1) - turn
-        return np.asarray(((step * self.part.weight) * inner).sum(axis=1) / 8.0)
+        return np.asarray((step * inner) @ self.part.weight / 8.0)

@@ -12,7 +12,7 @@ from planning.transforms import Array, Indices
 from scheduling.witness.measuring import Measuring
 from scheduling.witness.motion import Motion
 from scheduling.witness.parts import ConvexPart
-from scheduling.witness.robot import SeenFrom, WitnessRobot
+from scheduling.witness.robot import SeenFrom, WitnessRobot, inverses
 
 
 class OwnMotions:
@@ -21,11 +21,20 @@ class OwnMotions:
     Args:
         robot: the robot.
         knots: piece k leads straight from knot k to knot k + 1, shape (s + 1, n).
+        frames: poses of base and joints at the knots, shape (s + 1, n + 1, 4, 4).
     """
 
-    def __init__(self, robot: WitnessRobot, knots: Array) -> None:
-        self._robot, self._knots = robot, knots
-        self._seen = cache(self._seen_from)
+    def __init__(self, robot: WitnessRobot, knots: Array, frames: Array) -> None:
+        self._robot, self._knots, self._frames = robot, knots, frames
+        self._view = cache(lambda joint: SeenFrom(robot, joint))
+        self._relative = cache(self._frames_from)
+
+    def seen(self, inner: ConvexPart, outer: ConvexPart) -> tuple[Motion, Motion]:
+        """Return the motions of two parts in the frame of the joint that carries the inner one."""
+        view = self._view(inner.joint)
+        still = Motion(None, inner, np.zeros((2, 0)), np.tile(np.eye(4), (2, 1, 1)))
+        frames = self._relative(inner.joint, outer.joint)
+        return still, Motion(view, view.seen(outer), self._knots, frames)
 
     def too_close(
         self,
@@ -44,12 +53,8 @@ class OwnMotions:
             limit: clearance that they must keep [m].
             alike: of pieces with the same number only the first found is yielded, shape (s,).
         """
-        inner, outer = parts
-        view, frames = self._seen(inner.joint)
-        still = Motion(None, inner, np.zeros((2, 0)), np.tile(np.eye(4), (2, 1, 1)))
-        own = frames[:, outer.joint + 1]
-        moves = Motion(view, view.seen(outer), self._knots, own)
-        pieces = pieces[_balls_meet(inner, moves, pieces, limit)]
+        still, moves = self.seen(*parts)
+        pieces = pieces[_balls_meet(still.part, moves, pieces, limit)]
         if not len(pieces):
             return
         low, high = moves.extents(pieces)
@@ -60,10 +65,10 @@ class OwnMotions:
         for found in measuring.too_close(still, moves, pairs, limit, alike[left]):
             yield int(left[found.pair]), found.gap
 
-    def _seen_from(self, joint: int) -> tuple[SeenFrom, Array]:
-        """Return the robot relative to a joint, and the poses of its joints at the knots."""
-        view = SeenFrom(self._robot, joint)
-        return view, view.joint_frames_along(self._knots)
+    def _frames_from(self, inner: int, outer: int) -> Array:
+        """Return the poses of a joint in the frame of another one at the knots, shape (s + 1, 4, 4)."""
+        frames = self._frames
+        return np.asarray(inverses(frames[:, inner + 1]) @ frames[:, outer + 1])
 
 
 def _balls_meet(

@@ -68,6 +68,18 @@ class WitnessRobot:
         columns = np.array([_subspace(joint) for joint in self._joints]).reshape(-1, 6)
         self.axes = columns[:, :3] + columns[:, 3:]
         self.turns = np.any(columns[:, 3:] != 0.0, axis=1)
+        # The pose of each joint in the one before it: that at 0, and what multiplies the sine and
+        # one less the cosine of its angle (by Rodrigues' formula), or how far it has slid.
+        self._placed = np.zeros((self.dof, 3, 4, 4))
+        for j, pose in enumerate(list(model.jointPlacements)[1:]):
+            moved = np.zeros((3, 4, 4))
+            moved[0] = np.eye(4)
+            if self.turns[j]:
+                moved[1, :3, :3] = np.cross(np.eye(3), self.axes[j])
+                moved[2, :3, :3] = moved[1, :3, :3] @ moved[1, :3, :3]
+            else:
+                moved[1, :3, 3] = self.axes[j]
+            self._placed[j] = pose.homogeneous @ moved
         self.limits = self._read_limits(placed)
         tool = {part.body.name for part in placed.model.parts if part.group == "tool"}
         self.parts, self.links = [], []
@@ -129,18 +141,13 @@ class WitnessRobot:
         """
         frames = np.empty((len(path), self.dof + 1, 4, 4))
         frames[:, 0] = self.base
+        share = np.stack(
+            [np.ones_like(path), np.sin(path), 1.0 - np.cos(path)], axis=-1
+        )
+        share[:, ~self.turns, 1] = path[:, ~self.turns]
+        placed = np.einsum("snk,nkij->snij", share, self._placed)
         for j in range(self.dof):
-            moved = np.tile(np.eye(4), (len(path), 1, 1))
-            if self.turns[j]:  # by Rodrigues' formula
-                cross = np.cross(np.eye(3), self.axes[j])
-                moved[:, :3, :3] += np.sin(path[:, j])[:, None, None] * cross
-                moved[:, :3, :3] += (1.0 - np.cos(path[:, j]))[:, None, None] * (
-                    cross @ cross
-                )
-            else:
-                moved[:, :3, 3] = path[:, j, None] * self.axes[j]
-            placement = self.model.jointPlacements[j + 1].homogeneous
-            frames[:, j + 1] = frames[:, j] @ (placement @ moved)
+            frames[:, j + 1] = frames[:, j] @ placed[:, j]
         return frames
 
     def flange_pose(self, q: Array) -> Transform:

@@ -83,6 +83,13 @@ class Close:
         """Return some of the pairs."""
         return Close(self.x[chosen], self.y[chosen], self.i[chosen], self.j[chosen])
 
+    def by_bodies(self) -> Iterator[tuple[int, int, Indices]]:
+        """Yield every two bodies, and which of the pairs are theirs, in the order of the pieces."""
+        order = np.lexsort((self.j, self.i, self.y, self.x))
+        changes = np.diff(self.x[order]) | np.diff(self.y[order])
+        for chosen in np.split(order, np.flatnonzero(changes) + 1):
+            yield int(self.x[chosen[0]]), int(self.y[chosen[0]]), chosen
+
 
 def close_pairs(
     a: SweepBounds, b: SweepBounds, windows: tuple[Indices, Indices], limits: Array
@@ -116,6 +123,13 @@ def close_pairs(
             np.repeat(there, limits.size),
         )
         yield from _descend(a, b, (lows, highs), limits, pairs, (a.top, b.top))
+
+
+def gaps_of(a: SweepBounds, b: SweepBounds, close: Close) -> Array:
+    """Return lower bounds of the distances of pairs of bodies in their pieces, shape (k,) [m]."""
+    low_a, high_a = (side[0][:, close.i, close.x] for side in (a.low, a.high))
+    low_b, high_b = (side[0][:, close.j, close.y] for side in (b.low, b.high))
+    return np.asarray(np.maximum(low_a - high_b, low_b - high_a).max(axis=0))
 
 
 def _descend(

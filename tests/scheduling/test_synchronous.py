@@ -268,10 +268,10 @@ class Written:
     def hold(self, robot: str, after: int | None, task: int) -> bool:
         return (robot, after, task) in self.held
 
-    def left_behind(self, first: int, task: int) -> bool:
+    def meets_left_object(self, first: int, task: int) -> bool:
         return (first, task) in self.left
 
-    def not_yet_taken(self, task: int, later: int) -> bool:
+    def meets_untaken_object(self, task: int, later: int) -> bool:
         return (task, later) in self.there
 
 

@@ -313,6 +313,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         for stretch in stretches(self._world, case):
             contacts.look(stretch)
             progress(AUDIT, float(stretch.t[-1]), case.end)
+        contacts.finish()
 
     def _report(
         self, contacts: Contacts, found: Iterable[Violation] = ()

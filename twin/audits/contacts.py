@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
+from itertools import chain, combinations, product
 from operator import itemgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from planning.tasks.task import AllowedContact
+from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.witness.measuring import PRECISION, Measuring
+from scheduling.witness.moving_robot import MovingRobot
+from scheduling.witness.parts import measure
 from twin.audits.case import AuditCase, Violation, tasks_along
 from twin.audits.motion.pairs import (
     SLACK,
-    Gap,
-    MeasurementThresholds,
-    measured_gaps,
-    watched_pairs,
+    ClosePair,
+    pairs_at_rest,
+    pairs_of_robot,
+    pairs_of_robots,
 )
 from twin.audits.motion.second_look import sampled_overlaps
 from twin.audits.motion.stretches import RunStretch
-from twin.audits.worlds.world import WatchedShape
 
 if TYPE_CHECKING:  # PyBullet is loaded on demand
     from twin.audits.worlds.bullet_world import BulletWorld
@@ -34,8 +39,25 @@ NODE_SLACK = 0.001
 """Rounding tolerance of the depth of joined parts [m]."""
 
 
+_NEAR, _FARTHER = 0.02, 3.0
+"""Two robots are first looked for up to this distance [m], then so many times as far."""
+
+_LATER = 8
+"""Stretches in which robots are far apart are put off, at most so many."""
+
 Allowed = Mapping[frozenset[str], Sequence[AllowedContact]]
 """Contacts that may be, by pair."""
+
+AllowedDepths = Callable[[ClosePair], Array]
+"""Returns how deep a pair of shapes may overlap at each sample of a stretch, shape (m,) [m]."""
+
+
+class _Checked(NamedTuple):
+    """A stretch that is checked, the number of its first sample, and allowed depths in it."""
+
+    stretch: RunStretch
+    first: int
+    depths: AllowedDepths
 
 
 def allowed_contacts(tpg: TemporalPlanGraph) -> Allowed:
@@ -72,7 +94,6 @@ class Contacts:
 
     Attributes:
         least: least distance of two robots with carried objects, where they should not touch [m].
-        bound: nearer than this they were at no moment [m].
         configurations: number of different configurations of the whole cell.
         tolerance: the contact tolerance [m].
         deepest_graze: how deep a tool grazed a brick [m].
@@ -92,20 +113,93 @@ class Contacts:
         self._taken_up, self._second = taken_up, second
         self._tools = {f"{robot}/tool": robot for robot in case.robots}
         self._allowed_depth = cache(self._depth)
-        self.least = self.bound = within
+        self.least, self._measuring = within, Measuring()
         self.tolerance = case.cell.clearances.contact_tolerance
         self.configurations, self.deepest_graze = 0, 0.0
-        self._arms, self._samples = len(case.world.robot_shapes), 0
+        self._samples, self._later = 0, list[_Checked]()
         # Deepest overlap of each pair by number of the sample: time [s], depth [m], links.
         self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
 
+    @property
+    def bound(self) -> float:
+        """Two robots with what they carry were at no moment nearer than this [m]."""
+        return self.least - PRECISION
+
     def look(self, stretch: RunStretch) -> None:
         """Check one interval."""
-        moved = {
-            tuple(int(r.distinct[k]) for r in stretch.robots)
-            for k in range(len(stretch.t))
-        }
-        self.configurations += len(moved) - (self._samples > 0)
+        moves = np.zeros(len(stretch.t) - 1, dtype=np.bool_)
+        for path in stretch.paths:
+            moves |= np.any(np.diff(path, axis=0) != 0.0, axis=1)
+        self.configurations += int(np.count_nonzero(moves)) + (self._samples == 0)
+        checked = _Checked(stretch, self._samples, self._depths(stretch))
+        self._samples += len(stretch.t)
+        near = [self._own_pairs(stretch)]
+        if self.least > _NEAR:
+            self._approach(stretch)
+        if self.least > _NEAR and len(self._later) < _LATER:
+            self._later.append(checked)
+        else:
+            near.append(self._robot_pairs(stretch))
+        self._check(checked, chain.from_iterable(near))
+
+    def finish(self) -> None:
+        """Check what was put off until it was known how near robots come."""
+        for checked in self._later:
+            self._check(checked, self._robot_pairs(checked.stretch))
+        self._later.clear()
+
+    def _check(self, checked: _Checked, pairs: Iterator[ClosePair]) -> None:
+        """Measure pairs of a stretch."""
+        seen = []
+        for pair in pairs:
+            self._measure(checked, pair)
+            if self._second is not None:
+                seen.append(pair)
+        if self._second is None:
+            return
+        for pair, sample, gap in sampled_overlaps(self._second, checked.stretch, seen):
+            limit = checked.depths(pair)[sample]
+            if -gap > limit or (self._are_robots(pair) and -gap >= SLACK):
+                self._note(checked, pair, sample, gap)
+
+    def _approach(self, stretch: RunStretch) -> None:
+        """Measure two robots where they may be nearest, and nearer than all before."""
+        for robots in combinations(range(len(stretch.robots)), 2):
+            if math.isinf(self.least):
+                self._start(*(stretch.robots[k] for k in robots))
+            for pair in self._of_robots(stretch, robots):
+                if self._are_robots(pair):
+                    gap = pair.middle_gap(int(np.argmin(pair.gaps)))
+                    self.least = min(self.least, gap)
+                    break
+
+    def _of_robots(
+        self, stretch: RunStretch, robots: tuple[int, int]
+    ) -> Iterator[ClosePair]:
+        """Yield the pairs of two robots that may be nearer than all before.
+
+        Far ones are not looked at where near ones settle how near they come.
+        """
+        limit = min(_NEAR, self.least)
+        while True:
+            yield from pairs_of_robots(stretch, robots, max(limit, 0.0))
+            if self.least <= limit:
+                break
+            limit = min(_FARTHER * limit, self.least)
+
+    def _robot_pairs(self, stretch: RunStretch) -> Iterator[ClosePair]:
+        """Yield the pairs of all robots that may be nearer than all before."""
+        for robots in combinations(range(len(stretch.robots)), 2):
+            yield from self._of_robots(stretch, robots)
+
+    def _own_pairs(self, stretch: RunStretch) -> Iterator[ClosePair]:
+        """Yield the pairs that may overlap of each robot, and of it and what rests."""
+        for robot in range(len(stretch.robots)):
+            yield from pairs_of_robot(stretch, robot, self._exempt)
+            yield from pairs_at_rest(stretch, robot)
+
+    def _depths(self, stretch: RunStretch) -> AllowedDepths:
+        """Return the function that returns how deep a pair may overlap at each sample."""
         holders = {name: p.holder for name, p in stretch.placements.items()}
 
         @cache
@@ -115,51 +209,110 @@ class Contacts:
                 return [None] * len(stretch.t)
             return tasks_along(self._case.tpg, self._case.robots, owner, stretch.t)
 
-        def depth(a: WatchedShape, b: WatchedShape, sample: int) -> float:
-            first, second = a.entity, b.entity
-            now = tasks(first)[sample], tasks(second)[sample]
-            return self._allowed_depth(frozenset((first, second)), now)
+        @cache
+        def depths(first: str, second: str) -> Array:
+            pair, count = frozenset((first, second)), len(stretch.t)
+            if pair not in self._allowed:
+                return np.full(count, SLACK)
+            now = zip(tasks(first), tasks(second), strict=True)
+            return np.array([self._allowed_depth(pair, both) for both in now])
 
-        asked = MeasurementThresholds(lambda: self.least, depth)
-        watched = list(watched_pairs(stretch, self._arms, self._exempt, asked))
-        for gap in measured_gaps(self._case.world, stretch, watched, asked):
-            if gap.pair.between_robots:
-                self.least = min(self.least, gap.distance)
-                self.bound = min(self.bound, gap.bound)
-            if gap.distance <= 0.0:
-                self._note(stretch, gap, depth, least_m=0.0)
-        if self._second is not None:
-            for gap in sampled_overlaps(self._second, stretch, watched):
-                self._note(stretch, gap, depth, least_m=SLACK)
-        self._samples += len(stretch.t)
+        return lambda pair: depths(pair.a.entity, pair.b.entity)
 
-    def _note(
-        self,
-        stretch: RunStretch,
-        gap: Gap,
-        depth: Callable[[WatchedShape, WatchedShape, int], float],
-        least_m: float,
-    ) -> None:
-        """Record an overlap that is not allowed.
+    def _measure(self, checked: _Checked, pair: ClosePair) -> None:
+        """Measure a pair where it is close."""
+        last = np.minimum(pair.last, len(checked.stretch.t) - 1)
+        pair = replace(pair, last=last)
+        own = checked.depths(pair)
+        limits = np.minimum(own[pair.first], own[last])
+        for k in np.flatnonzero(last - pair.first > 1).tolist():  # it stands
+            limits[k] = own[pair.first[k] : last[k] + 1].min()
+        if pair.two_robots:
+            apart = limits <= SLACK
+            if apart.any():
+                self._measure_robots(checked, pair.some(apart))
+            pair, limits = pair.some(~apart), limits[~apart]
+        for limit in np.unique(limits).tolist():
+            if math.isfinite(limit):
+                some = pair.some(limits == limit)
+                if pair.entities in self._allowed and limit == self.tolerance + SLACK:
+                    self._graze(some)
+                self._overlaps_of(checked, some, limit)
+
+    def _measure_robots(self, checked: _Checked, pair: ClosePair) -> None:
+        """Measure the least distance of two robots where they are not meant to touch."""
+        near = pair.some(pair.gaps < self.least)
+        if len(near):
+            self.least = min(self.least, near.middle_gap(int(np.argmin(near.gaps))))
+            near = near.some(near.gaps < self.least)
+            self.least = self._measuring.closest(
+                pair.x, pair.y, near.pieces, self.least, lockstep=True
+            )
+        if self.least <= 0.0:
+            most = 0.0 if self._are_robots(pair) else SLACK
+            found = self._overlaps_of(checked, pair, most)
+            self.least = min(self.least, found)
+
+    def _overlaps_of(self, checked: _Checked, pair: ClosePair, most: float) -> float:
+        """Record where a pair overlaps by more than it may, and return its least distance there.
 
         Args:
-            stretch: in which it is.
-            gap: the shapes, when, and how deep.
-            depth: returns the overlap that is allowed for two shapes at a sample [m].
-            least_m: overlaps of two robots up to this are none [m].
+            checked: the stretch.
+            pair: the shapes, and where they are close.
+            most: what they may overlap by at all times [m].
         """
-        a, b = gap.pair.shapes
-        robots = a.robot is not None and b.robot is not None and a.robot != b.robot
-        for sample in range(gap.sample, min(gap.until, len(stretch.t))):
-            t, number = float(stretch.t[sample]), self._samples + sample
-            limit = depth(a, b, sample)
-            if not robots and limit == self.tolerance + SLACK:
-                self.deepest_graze = max(self.deepest_graze, -gap.distance)
-            if -gap.distance > limit or (robots and -gap.distance >= least_m):
-                seen = self._overlaps.setdefault((a.entity, b.entity), {})
-                if number not in seen or seen[number][1] < -gap.distance:
-                    links = f"{a.detail} - {b.detail}"
-                    seen[number] = (t, -gap.distance, links)
+        robots, nearest, own = self._are_robots(pair), math.inf, checked.depths(pair)
+        found = self._measuring.too_close(
+            pair.x, pair.y, pair.pieces, -most, np.arange(len(pair)), lockstep=True
+        )
+        for k, inside, _ in found:
+            samples = range(int(pair.first[k]), int(pair.last[k]) + 1)
+            begin, end = pair.gaps_at_ends(k)
+            gaps = [*[begin] * (len(samples) - 1), end]
+            deep = [
+                (sample, gap)
+                for sample, gap in zip(samples, gaps, strict=True)
+                if robots or -gap > own[sample]
+            ]
+            if robots or (not deep and min(begin, end) >= -most):
+                deep.append((samples[0], inside))
+            for sample, gap in deep:
+                if -gap > own[sample] or (robots and gap <= 0.0):
+                    self._note(checked, pair, sample, gap)
+            nearest = min(nearest, begin, end)
+        return nearest
+
+    def _graze(self, pair: ClosePair) -> None:
+        """Measure how deep a tool grazes a brick."""
+        below = -self.deepest_graze
+        nearest = self._measuring.closest(
+            pair.x, pair.y, pair.pieces, below, lockstep=True
+        )
+        self.deepest_graze = max(self.deepest_graze, -nearest)
+
+    def _start(self, one: MovingRobot, other: MovingRobot) -> None:
+        """Measure the distance of two robots where a stretch begins."""
+        for (p, x), (q, y) in product(
+            zip(one.robot.parts, one.motions, strict=False),
+            zip(other.robot.parts, other.motions, strict=False),
+        ):
+            gap = measure(p, x.frames[0], q, y.frames[0])
+            self.least = min(self.least, gap)
+
+    @staticmethod
+    def _are_robots(pair: ClosePair) -> bool:
+        """Return whether two shapes are of two robots themselves, which may never touch."""
+        return pair.two_robots and None not in (pair.a.robot, pair.b.robot)
+
+    def _note(
+        self, checked: _Checked, pair: ClosePair, sample: int, gap: float
+    ) -> None:
+        """Record an overlap that is not allowed."""
+        number = checked.first + sample
+        seen = self._overlaps.setdefault((pair.a.entity, pair.b.entity), {})
+        if number not in seen or seen[number][1] < -gap:
+            links = f"{pair.a.detail} - {pair.b.detail}"
+            seen[number] = (float(checked.stretch.t[sample]), -gap, links)
 
     def violations(self) -> Iterator[Violation]:
         """Yield disallowed overlaps with time intervals."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -15,7 +16,6 @@ from planning.transforms import Array, Transform, rotation
 from twin.audits.case import AuditCase, Violation
 from twin.audits.expectations import ChangedTool, Expectations, Place
 from twin.audits.motion.executed import ReplayedRun, Stay
-from twin.audits.motion.reach import travel_of_points
 
 PLACED = 0.001
 """No point of an object is further than this away from where it belongs [m]."""
@@ -215,8 +215,10 @@ def distance_of(box: CellObject, pose: Transform, place: Transform) -> float:
 
 def _way(pose: Transform, place: Transform, radius: float) -> float:
     """Return the largest point displacement of a body between two poses [m]."""
-    ends = np.stack([pose, place])
-    return float(travel_of_points(ends[:, :3, :3], ends[:, :3, 3], radius)[0])
+    moved = place - pose
+    # Of the difference of two rotations the spectral norm is the Frobenius norm over sqrt(2).
+    turned = float(np.linalg.norm(moved[:3, :3])) / math.sqrt(2.0)
+    return float(np.linalg.norm(moved[:3, 3])) + radius * turned
 
 
 def _off(box: CellObject, pose: Transform, place: Place) -> float:

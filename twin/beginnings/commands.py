@@ -25,14 +25,14 @@ def init(
         typer.Option(
             "--from",
             metavar="NAME",
-            help="Scenario to begin with, one that twin scenarios lists, or a design that"
-            " twin explore has found, EXPLORED#3 for the third best; by default two arms"
-            " with grippers that put five parts into a tray.",
+            help="Scenario to start from: one that twin scenarios lists, or a "
+            "design found by twin explore, EXPLORED#3 for the third best; by "
+            "default two arms with grippers that put five parts into a tray.",
         ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Begin a scenario of one's own with one that works; nothing is overwritten."""
+    """Write a new scenario from a working one; existing files are not overwritten."""
     from twin.beginnings.beginning import TEMPLATE, begin_scenario
 
     file = None

@@ -31,7 +31,7 @@ def check(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Look at a cell before planning: overlaps, reach, HOME, grippers, tool frames and speeds.
+    """Check a cell before planning: overlaps, reach, HOME, grippers, tool frames and speeds.
 
     Errors make every plan impossible or false, and end the command with code 2; warnings do not.
     """

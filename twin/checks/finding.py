@@ -21,6 +21,8 @@ from twin.registry import CHECKS
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
+Findings = Iterator["Finding"]
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -43,9 +45,6 @@ class Finding:
     code: str = ""
     parts: tuple[str, ...] = ()
     figures: tuple[float, ...] = ()
-
-
-Findings = Iterator[Finding]
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ class CheckContext:
         return found(self)
 
     @cached_property
-    def unlike_robots(self) -> tuple[PlacedRobot, ...]:
+    def distinct_robots(self) -> tuple[PlacedRobot, ...]:
         """One robot of each model, for checks of descriptions."""
         first: dict[RobotModel, PlacedRobot] = {}
         for robot in self.cell.robots:

@@ -25,7 +25,6 @@ from planning.tasks.task import DOOR
 from planning.transforms import Array, Transform
 from twin.checks.finding import CheckContext
 from twin.checks.views import (
-    FROM_THE_SIDE,
     NAME_SIZE,
     CloseUp,
     DrawnShape,
@@ -147,13 +146,13 @@ def cell_figure(
         height_ratios=[tall + 0.6, below] if larger else [1.0],
     )
     half = max(len(larger), 1)
-    for k, view in enumerate((_FROM_ABOVE, FROM_THE_SIDE)):
+    for k, view in enumerate((_FROM_ABOVE, Viewpoint.from_side())):
         area = picture.add_subplot(grid[0, k * half : (k + 1) * half])
         low, high = least[view.flat], most[view.flat]
         style_view(area, view)
         draw_shapes(area, view, shapes)
         draw_shapes(area, view, goals)
-        names = Names(area, scale, low, high, beside=view.eye == 2)
+        names = Names(area, scale, low, high, adjacent=view.eye == 2)
         _draw_robots(area, view, subject, reaches, names)
         for item in larger if view.eye == 2 else ():
             _draw_frame(area, item, names)

@@ -152,9 +152,9 @@ def _below(placed: Sequence[tuple[str, PlacedObject]], name: str) -> str:
     best: tuple[float, str] | None = None
     for other, item in things.items():
         other_low, other_high = bounding_corners(item)
-        beside = np.any(low[:2] > other_high[:2]) or np.any(high[:2] < other_low[:2])
+        apart = np.any(low[:2] > other_high[:2]) or np.any(high[:2] < other_low[:2])
         drop = float(low[2] - other_high[2])
-        if other == name or beside or drop < 0.0:
+        if other == name or apart or drop < 0.0:
             continue
         if best is None or drop < best[0]:
             best = drop, other

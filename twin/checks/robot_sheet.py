@@ -27,7 +27,6 @@ from planning.transforms import Array, Transform, identity, inverse
 from twin.checks.overview import LinkRow, Overview, robot_overview
 from twin.checks.tools import finger_gap, frame_warnings
 from twin.checks.views import (
-    FROM_THE_SIDE,
     DrawnShape,
     Viewpoint,
     draw_axes,
@@ -39,7 +38,7 @@ from twin.drawing.pictures import INK, new_picture
 from twin.host.atomic_files import save_png
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
-_VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), FROM_THE_SIDE)
+_VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), Viewpoint.from_side())
 
 _CARRIER = "iiwa14"
 """Robot on which a tool is mounted to look at it."""
@@ -129,7 +128,7 @@ def _draw_frames(
     area: Axes, thing: PicturedThing, view: Viewpoint, length: float
 ) -> None:
     named: list[tuple[float, float]] = []
-    for pose, names in _together(thing.frames):
+    for pose, names in _group_frames(thing.frames):
         draw_axes(area, view, pose, length)
         at = float(pose[view.right, 3]), float(pose[view.up, 3])
         # Frames that are in one place in this view have their names one below the other.
@@ -147,7 +146,7 @@ def _draw_frames(
         )
 
 
-def _together(
+def _group_frames(
     frames: Mapping[str, Transform],
 ) -> Iterator[tuple[Transform, list[str]]]:
     """Yield poses with the names of all frames that have them."""
@@ -249,7 +248,7 @@ def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
     if no_speeds:
         words.append(f"no scenario can use it as it is: {no_speeds}")
         at = joints.index("velocity")
-        moved = [(*row[:at], "not told", *row[at + 1 :]) for row in rows[: model.dof]]
+        moved = [(*row[:at], "unknown", *row[at + 1 :]) for row in rows[: model.dof]]
         rows = [*moved, *rows[model.dof :]]
     if model.drives is not None and math.isfinite(model.drives.payload):
         words.append(f"payload {model.drives.payload:g} kg, the tool included")
@@ -259,11 +258,11 @@ def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
         PlacedRobot(title, model, identity(), model.home)
     )
     if reason is None:
-        words.append("efforts: kept to in plans within limits, by the masses told here")
+        words.append("efforts: kept to in plans within limits, by these masses")
     else:
         words.append(f"efforts: not kept to, as {reason}")
     if any("(usual)" in cell for row in rows for cell in row):
-        words.append("(usual): nobody says it, so plans within limits take this")
+        words.append("(usual): not specified, and assumed by plans within limits")
     words += _grip_words(model)
     for name, pose in model.frames.items():
         words += [
@@ -381,22 +380,22 @@ def _joints(found: Overview) -> tuple[tuple[str, ...], Rows]:
         "effort",
     )
     model, usual = found.model, MotionLimits.of(found.model)
-    told = model.drives or DriveLimits(*np.full((3, model.dof), np.inf))
+    drives = model.drives or DriveLimits(*np.full((3, model.dof), np.inf))
     rows = []
     for k, name in enumerate(model.joint_names):
         kind = "slides [m]" if model.chain.prismatic[k] else "turns [rad]"
         limits = [model.lower[k], model.upper[k], model.velocity[k]]
         row = [name, kind, *(f"{value:.6g}" for value in limits)]
         for own, other in (
-            (told.acceleration, usual.acceleration),
-            (told.jerk, usual.jerk),
+            (drives.acceleration, usual.acceleration),
+            (drives.jerk, usual.jerk),
         ):
             row.append(
                 f"{own[k]:.6g}" if np.isfinite(own[k]) else f"{other[k]:.6g} (usual)"
             )
-        effort, unit = told.effort[k], "N" if model.chain.prismatic[k] else "N m"
+        effort, unit = drives.effort[k], "N" if model.chain.prismatic[k] else "N m"
         known = np.isfinite(effort)
-        rows.append((*row, f"{effort:.6g} {unit}" if known else "not told"))
+        rows.append((*row, f"{effort:.6g} {unit}" if known else "unknown"))
     held = ((n, f"held at {at:.6g}", *[""] * 6) for n, at in found.held.items())
     return columns, [*rows, *held]
 

@@ -77,7 +77,7 @@ def _remedy(subject: CheckContext, robot: PlacedRobot, state: WorldState) -> str
     """Return a remedy for a HOME in collision, with a free HOME if none is given."""
     if not _at_zero(robot, robot.model.dof):
         return "move its base or change its HOME"
-    words = "its joints are at zero, as nobody gives it a HOME"
+    words = "its joints are at zero, as no HOME is given"
     goals = tuple(subject.checks.goals().values())
     first: list[int] | None = None
     for home, tool in _free_homes(subject.cell, robot, state):

@@ -68,7 +68,7 @@ def check_tool_frames(subject: CheckContext) -> Findings:
 
 def check_flanges(subject: CheckContext) -> Findings:
     """Yield flanges whose outward axis is not z, unless the tool's mount corrects it."""
-    for robot in subject.unlike_robots:
+    for robot in subject.distinct_robots:
         model = robot.model
         doubt = flange_warning(model)
         pose = model.flange @ model.frames.get("tool", np.eye(4))
@@ -81,7 +81,7 @@ def check_flanges(subject: CheckContext) -> Findings:
 def check_suction(subject: CheckContext) -> Findings:
     """Yield suction tools whose descriptions have moving fingers."""
     everywhere = subject.checks.by_suction
-    for robot in subject.unlike_robots:
+    for robot in subject.distinct_robots:
         model = robot.model
         suction = everywhere if model.grip is None else model.grip.suction
         fingers = _moving_fingers(model) if suction else []
@@ -109,7 +109,7 @@ def _moving_fingers(model: RobotModel) -> list[str]:
 
 def check_openings(subject: CheckContext) -> Findings:
     """Yield fingers held farther apart than they open, or closer than the width of parts."""
-    for robot in subject.unlike_robots:
+    for robot in subject.distinct_robots:
         model = robot.model
         if model.grip is None or model.grip.opening in (None, (0.0, 0.0)):
             continue
@@ -168,10 +168,12 @@ def finger_gap(model: RobotModel, frame: Array) -> float | None:
     return float(gap) if np.isfinite(gap) else None
 
 
-def _span_along(body: ConvexBody, at: Array, way: Array) -> tuple[float, float] | None:
+def _span_along(
+    body: ConvexBody, at: Array, direction: Array
+) -> tuple[float, float] | None:
     """Return the interval of a line inside a body, measured from ``at``; None if it misses."""
     planes = ConvexHull(body.vertices).equations
-    slope, height = planes[:, :3] @ way, planes[:, :3] @ at + planes[:, 3]
+    slope, height = planes[:, :3] @ direction, planes[:, :3] @ at + planes[:, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
         where = -height / slope
     if np.any(height[np.abs(slope) < 1e-12] > 0.0):
@@ -226,7 +228,7 @@ def frame_warnings(model: RobotModel, frame: Array) -> Iterator[str]:
 
 def check_descriptions(subject: CheckContext) -> Findings:
     """Yield collision shapes without volume, and likely wrong units in descriptions."""
-    for robot in subject.unlike_robots:
+    for robot in subject.distinct_robots:
         found = robot_overview(robot.model)
         for words in (*found.left_out, *found.doubts):
             at = subject.robot_at(robot.name, "model")

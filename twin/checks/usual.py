@@ -75,7 +75,7 @@ _RANGES: Mapping[str, UsualRange] = {
     "loses slips wrong beside": UsualRange(1e-9, 0.9, "", "failures are of several kinds"),
     "helps": UsualRange(0.05, 1, "", "a person mostly can help", False),
     "retries again times": UsualRange(1, 50, "times", "nobody tries the same again and again"),
-    "planning_s remove_s": UsualRange(1e-3, 1800, "s", "planning anew and a hand's turn take seconds to minutes"),
+    "planning_s remove_s": UsualRange(1e-3, 1800, "s", "replanning and a hand's turn take seconds to minutes"),
     "answer_s": UsualRange(0.5, 86_400, "s", "a person answers within minutes"),
     "value UniformFactor.low UniformFactor.high median p95": UsualRange(0.05, 5, "", "a factor of what is planned"),
     "DurationModel.scale": UsualRange(0.02, 50, "", "a factor of what was measured"),

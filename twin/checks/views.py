@@ -48,13 +48,15 @@ class Viewpoint:
     eye: int
     towards: float
 
+    @classmethod
+    def from_side(cls) -> Viewpoint:
+        """Return the projection along y."""
+        return cls("from the side (-y)", 0, 2, 1, -1.0)
+
     @property
     def flat(self) -> list[int]:
         """The world axes of the view plane."""
         return [self.right, self.up]
-
-
-FROM_THE_SIDE = Viewpoint("from the side (-y)", 0, 2, 1, -1.0)
 
 
 @dataclass(frozen=True)
@@ -209,14 +211,14 @@ class Names:
         area: to write in.
         scale: of it, metres a point.
         low, high: its corners, shape (2,) [m].
-        beside: whether names may be next to things, where these do not hide each other.
+        adjacent: whether names may be next to things, where these do not hide each other.
     """
 
     area: Axes
     scale: float
     low: Array
     high: Array
-    beside: bool = True
+    adjacent: bool = True
     _taken: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     def mark(self, at: Array, text: str, colour: str, size: int = 9) -> None:
@@ -249,7 +251,7 @@ class Names:
             yield high - inside
         if 0.5 * wide <= float((high - low).max()):  # else it would hide what it names
             yield middle
-        if self.beside:
+        if self.adjacent:
             yield np.array([middle[0], high[1] + tall])
             yield np.array([middle[0], low[1] - tall])
             yield np.array([high[0] + 1.2 * wide, middle[1]])

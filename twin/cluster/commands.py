@@ -15,7 +15,7 @@ from twin.host.guard import guarded
 
 Certificates = Annotated[
     Path,
-    typer.Option(metavar="DIR", help="Folder that twin cluster certificates has made."),
+    typer.Option(metavar="DIR", help="Folder created by twin cluster certificates."),
 ]
 Host = Annotated[
     str, typer.Option(help="Address of this machine to listen on, and on no other.")
@@ -26,7 +26,7 @@ Workers = Annotated[
 ]
 
 cluster = typer.Typer(
-    no_args_is_help=True, help="Let other machines help with studies, over TLS."
+    no_args_is_help=True, help="Use other machines for studies, over TLS."
 )
 
 
@@ -35,11 +35,14 @@ cluster = typer.Typer(
 def make(
     folder: Annotated[
         Path,
-        typer.Argument(metavar="DIR", help="Folder to make; copy it to members."),
+        typer.Argument(
+            metavar="DIR",
+            help="Folder to create; copy it to the machines of the cluster.",
+        ),
     ],
-    days: Annotated[int, typer.Option(min=1, max=3650, help="Valid for so long.")] = 90,
+    days: Annotated[int, typer.Option(min=1, max=3650, help="Validity [days].")] = 90,
 ) -> None:
-    """Make the certificates of a cluster: whoever has them may use it."""
+    """Create the certificates of a cluster; their holders may use it."""
     make_certificates(folder, days)
     typer.echo(f"{folder}: valid for {days} days; key.pem is secret")
 
@@ -51,7 +54,9 @@ def serve(
     host: Host = "127.0.0.1",
     port: Annotated[
         int,
-        typer.Option(min=0, max=65535, help="Of the scheduler; 0 for any free one."),
+        typer.Option(
+            min=0, max=65535, help="Port of the scheduler; 0 for any free one."
+        ),
     ] = DEFAULT_PORT,
     workers: Workers = None,
 ) -> None:
@@ -69,7 +74,9 @@ def serve(
 def join(
     address: Annotated[
         str,
-        typer.Argument(metavar="ADDRESS", help="Of the scheduler: tls://host:port."),
+        typer.Argument(
+            metavar="ADDRESS", help="Address of the scheduler: tls://host:port."
+        ),
     ],
     certificates: Certificates,
     host: Host = "127.0.0.1",

@@ -163,12 +163,12 @@ async def _until_signalled(
 ) -> bool:
     """Start servers and end them at a signal, or when all have ended; return whether by signal."""
     logging.getLogger("distributed").setLevel(logging.WARNING)
-    told = asyncio.Event()
+    stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, told.set)
+        loop.add_signal_handler(number, stopped.set)
     async with AsyncExitStack() as stack:
-        waiting = asyncio.ensure_future(told.wait())
+        waiting = asyncio.ensure_future(stopped.wait())
         starting = asyncio.ensure_future(serve(stack))
         await asyncio.wait((waiting, starting), return_when=asyncio.FIRST_COMPLETED)
         if not starting.done():
@@ -179,7 +179,7 @@ async def _until_signalled(
         await asyncio.wait((waiting, ended), return_when=asyncio.FIRST_COMPLETED)
         for task in (waiting, ended, *ends):
             task.cancel()
-        return told.is_set()
+        return stopped.is_set()
 
 
 def _require_own_address(host: str, port: int) -> None:

@@ -24,12 +24,15 @@ ResultsFolder = Annotated[
         help="Folder for the results; by default logs/<scenario>-<UTC time>.",
     ),
 ]
-Seed = Annotated[int | None, typer.Option(min=0, help="In place of the scenario's.")]
+Seed = Annotated[
+    int | None, typer.Option(min=0, help="Seed, in place of the scenario's.")
+]
 Shortcuts = Annotated[
     int | None,
     typer.Option(
         min=0,
-        help="Most shortcuts tried on each plan, in place of the scenario's.",
+        help="Maximum number of shortcuts tried on each plan, in place of the "
+        "scenario's.",
     ),
 ]
 TeamSize = Annotated[
@@ -37,7 +40,8 @@ TeamSize = Annotated[
     typer.Option(
         min=1,
         metavar="M",
-        help="Of the team, in place of the scenario's; without a team, the first M.",
+        help="Number of robots of the team, in place of the scenario's; without a "
+        "team, the first M.",
     ),
 ]
 Settings = Annotated[
@@ -52,13 +56,14 @@ Settings = Annotated[
 ]
 Recording = Annotated[bool, typer.Option(help="Write run.rrd for the viewer.")]
 Audited = Annotated[
-    bool, typer.Option(help="Check what was executed with code of its own.")
+    bool,
+    typer.Option(help="Audit the executed run, by code independent of the planner."),
 ]
 AuditEngine = Annotated[
     str | None,
     typer.Option(
         metavar="ENGINE",
-        help="What the audit measures with, pybullet or coal; by default PyBullet"
-        " where it is installed, else coal.",
+        help="Collision engine of the audit, pybullet or coal; by default PyBullet "
+        "where it is installed, else coal.",
     ),
 ]

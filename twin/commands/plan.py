@@ -24,17 +24,17 @@ def plan(
         typer.Option(
             "--from",
             metavar="RUN@T",
-            help="Begin where the run in a folder was at a time, as runs/cliff@42: 42 s"
-            " after its start. Robots go on to where they next are at rest and within no"
-            " skill; the plan begins in the world there.",
+            help="Start from an earlier run at a time, as runs/cliff@42: 42 s "
+            "after its start. Every robot first continues until it is at rest "
+            "outside of a skill; the plan starts from that state.",
         ),
     ] = None,
     out_of_service: Annotated[
         list[str] | None,
         typer.Option(
             metavar="ROBOT",
-            help="Robot that does nothing from then on, and stands where it is; may be"
-            " given several times.",
+            help="Robot that is out of service from then on and stands still; may "
+            "be given several times.",
         ),
     ] = None,
     out: Annotated[
@@ -56,7 +56,7 @@ def plan(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Plan a scenario, or what is left of it from the middle of a run, and write the plan.
+    """Plan a scenario, or the remaining work in the middle of a run, and write the plan.
 
     twin run SCENARIO --plan DIR executes it, twin verify DIR proves it, twin study --plan DIR replicates it.
     """

@@ -65,7 +65,7 @@ def run(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Plan a scenario, execute it in the twin, check it, and show the figures."""
+    """Plan a scenario, execute it in the twin, audit the run, and print its figures."""
     from twin.api import runs
     from twin.trial.loaded_scenario import load
     from twin.trial.plan_result import read_plan
@@ -107,10 +107,10 @@ def resume(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Go on with a simulated run from its event log, after its process was killed.
+    """Resume a simulated run from its event log after its process was killed.
 
-    The run is computed again from the start, compared with the log event by event, and brought
-    to its end: the files are those of a run that was never killed.
+    The run is computed again from the start, compared with the log event by event, and completed: the files
+    are those of an uninterrupted run.
     """
     from twin.runs.folder import lock_folder
     from twin.trial.resume import resume_run

@@ -14,7 +14,7 @@ from twin.host.guard import ExitCode, error_message, guarded, print_error, print
 
 @guarded
 def scenarios(as_json: AsJson = False) -> None:
-    """List the scenarios that come with the program; every command takes their names."""
+    """List the scenarios that come with the program; every command accepts their names."""
     from rich.console import Console
     from rich.table import Table
 

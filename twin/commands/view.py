@@ -58,7 +58,7 @@ class View:
             yield display
             self.compiled = count() > 0
 
-    def tell(self, content: object, show: Callable[[], object]) -> None:
+    def output(self, content: object, show: Callable[[], object]) -> None:
         """Print content as JSON, or call a function that prints it for people, or print nothing."""
         if self.as_json:
             print_json(content)

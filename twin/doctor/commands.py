@@ -43,7 +43,7 @@ OPTIONAL = ("pybullet", "pybullet")
 
 @guarded
 def doctor(as_json: AsJson = False) -> int:
-    """Print versions for a bug report, say what does not load, and what the audit uses."""
+    """Print versions for a bug report, packages that do not load, and the engine of the audit."""
     from planning.silence import silence_output
 
     found = {"python": platform.python_version(), "system": platform.platform()}

@@ -66,8 +66,8 @@ def docstring_attributes(model: type[BaseModel]) -> dict[str, str]:
             entry = _ENTRY.match(line)
             if entry is not None:
                 names = entry[1].split(", ")
-                told = ", ".join(f"``{name}``" for name in names)
-                start = "" if len(names) == 1 else f"{told}: "
+                keys = ", ".join(f"``{name}``" for name in names)
+                start = "" if len(names) == 1 else f"{keys}: "
                 found |= dict.fromkeys(names, start + line[entry.end() :])
             else:
                 found |= {name: f"{found[name]} {line.strip()}" for name in names}
@@ -103,7 +103,7 @@ class Section(BaseModel):
     not_both: ClassVar[tuple[tuple[str, ...], ...]] = ()
 
     @model_validator(mode="after")
-    def _one_of_each(self) -> Self:
+    def _check_exclusive_keys(self) -> Self:
         fields, bases = type(self).model_fields, reversed(type(self).__mro__)
         for group in (g for base in bases for g in vars(base).get("not_both", ())):
             given = [k for k in group if getattr(self, k) != fields[k].default]

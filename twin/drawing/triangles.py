@@ -106,9 +106,9 @@ def _turned(strips: list[list[tuple[float, float, float, float]]]) -> Triangles:
     there = (here + 1) % _SIDES
     count = 0
     for strip in strips:
-        for out, high, aside, along in strip:
+        for out, high, side, along in strip:
             vertices.append(np.column_stack([out * cos, out * sin, high * one]))
-            normals.append(np.column_stack([aside * cos, aside * sin, along * one]))
+            normals.append(np.column_stack([side * cos, side * sin, along * one]))
         for low, top in pairwise(range(count, count + len(strip))):
             a, b = low * _SIDES, top * _SIDES
             faces.append(np.column_stack([a + here, a + there, b + there]))

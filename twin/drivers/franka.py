@@ -208,7 +208,7 @@ class FrankaDriver:
             try:
                 state = self._robot.state
                 with self._lock:
-                    self._look(state)
+                    self._record(state)
                     if self._mode != "fault":
                         self._step(state)
                         self._mode = self._doing()
@@ -244,7 +244,7 @@ class FrankaDriver:
             return "held"
         return "standing" if self._end < 0 else "moving"
 
-    def _look(self, state: Any) -> None:
+    def _record(self, state: Any) -> None:
         """Record a measurement."""
         self._q, self._dq = np.array(state.q), np.array(state.dq)
         end = self._at if self._end < 0 else self._end
@@ -290,9 +290,9 @@ class FrankaDriver:
             self._hand.begin(stop.act, stop.seconds)
             return
         self._end = self._path.leg_end(self._at)
-        way = self._path.stops[self._end].q - self._path.stops[self._at].q
-        longest = float(np.abs(way).max())
-        self._unit = way / longest
+        leg = self._path.stops[self._end].q - self._path.stops[self._at].q
+        longest = float(np.abs(leg).max())
+        self._unit = leg / longest
         share = np.maximum(np.abs(self._unit), _LEAST_SHARE)
         (speeds, speed), (rates, rate), (jerks, jerk) = self._limits
         self._speed = float(np.min(speed / share))
@@ -345,14 +345,14 @@ class FrankaDriver:
                 self._move_to_end()
             elif not self._robot.join_motion(0.0):
                 self._since = time.monotonic()
-            elif self._is_there() and np.abs(state.dq_d).max() <= _STILL:
+            elif self._is_near_leg_end() and np.abs(state.dq_d).max() <= _STILL:
                 self._passed(end)
                 self._at, self._end = end, -1
             elif time.monotonic() - self._since > _PATIENCE_S:
                 off = np.abs(self._q - stops[end].q).max()
                 raise FrankaError(f"it stands {off:.4f} rad from where it was sent")
 
-    def _is_there(self) -> bool:
+    def _is_near_leg_end(self) -> bool:
         """Return whether the robot is near enough to the end of the leg to continue."""
         off = float(np.abs(self._q - self._path.stops[self._end].q).max())
         turn = self._path.turn(self._at, self._end)

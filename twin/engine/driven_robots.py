@@ -144,7 +144,7 @@ class DrivenRobots(RobotPort):
         cell, passage = self._cell, self._passages[chain]
         lag = int(self._drives[chain].lag[node])
         stops = None if cell.stops is None else cell.stops[chain]
-        yield cell.at_the_end_of_now(_AFTER_MESSAGES)
+        yield cell.end_of_instant(_AFTER_MESSAGES)
         now = cell.now_ns
         if passage.speed <= 0.0:
             passage.rest(now if stops is None else stops.after(now))
@@ -182,7 +182,7 @@ class DrivenRobots(RobotPort):
         stopped = self._stopped[chain, node]
         if stopped is None:
             return self._at_rest.motion_time(chain, node, begin_ns, offset_ns)
-        return round(stopped.when(offset_ns / NANOSECONDS) * NANOSECONDS)
+        return round(stopped.stopped_times(offset_ns / NANOSECONDS) * NANOSECONDS)
 
     def _cleared(self, chain: int, node: int) -> int:
         """Return the last node that a robot is cleared for, by its messages so far."""
@@ -204,6 +204,8 @@ class DrivenRobots(RobotPort):
         def stands() -> None:
             narrator.stands(chain, node, what)
             over = cell.env.timeout(what.duration_ns)
-            over.callbacks.append(lambda _: narrator.goes_on(chain, node, what, 0))
+            over.callbacks.append(
+                lambda _: narrator.end_standstill(chain, node, what, 0)
+            )
 
         cell.after(delay_ns, stands)

@@ -177,7 +177,7 @@ class Execution:
 
     def is_done(self) -> bool:
         """Return whether all nodes are complete, apart from those of machines without deliveries."""
-        coming = () if self.supply is None else self.supply.coming
+        coming = () if self.supply is None else self.supply.arriving
         rows = (end for k, end in enumerate(self.end) if k not in coming)
         return all(not end or end[-1] >= 0 for end in rows)
 
@@ -242,7 +242,7 @@ class Execution:
             message = self.env.timeout(delay_ns)
             message.callbacks.append(lambda _: act(*about))
 
-    def at_the_end_of_now(self, priority: EventPriority) -> simpy.Event:
+    def end_of_instant(self, priority: EventPriority) -> simpy.Event:
         """Return an event after all others of lower priority number at this time."""
         event = self.env.event()
         event._ok, event._value = True, None
@@ -257,7 +257,7 @@ class Execution:
 
     def report_wait(self, chain: int, node: int) -> None:
         """Record that a robot waits, unless it has received a node by now."""
-        machine = self.supply is not None and chain in self.supply.coming
+        machine = self.supply is not None and chain in self.supply.arriving
         waits = self.idle[chain] is not None and self.start[chain][node] < 0
         if self.narrator is not None and waits and not machine:
             detail = self.wait_cause(chain, node)
@@ -285,7 +285,7 @@ class Execution:
             while queue and queue[-1] >= count:
                 self._withdrawn[chain, queue.pop()] -= 1
 
-    def dispatch_again(self) -> None:
+    def redispatch(self) -> None:
         """Let the dispatcher release safe nodes now."""
         if not self._report_arrived.triggered:
             self._report_arrived.succeed()
@@ -374,7 +374,7 @@ class Execution:
 
     def _receive_report(self, chain: int, node: int) -> None:
         self._reports.append((chain, node))
-        # As ``dispatch_again`` does; this is the most frequent call of all.
+        # As ``redispatch`` does; this is the most frequent call of all.
         if not self._report_arrived.triggered:
             self._report_arrived.succeed()
 
@@ -382,7 +382,7 @@ class Execution:
         # It may be an edge of a graph that has been replaced.
         if any(to == target for to, _ in self.impatient.get(source, ())):
             self._lifts.append((source, target))
-            self.dispatch_again()
+            self.redispatch()
 
     def enqueue(self, chain: int, node: int) -> None:
         """Let a released node arrive at its robot."""

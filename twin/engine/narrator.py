@@ -128,7 +128,9 @@ class Narrator:
             detail = f"breakdown, repaired after {seconds}"
             self.emit("stopped", chain, node, detail=detail)
 
-    def goes_on(self, chain: int, node: int, entry: Standstill, attempt: int) -> None:
+    def end_standstill(
+        self, chain: int, node: int, entry: Standstill, attempt: int
+    ) -> None:
         """Emit the end of a standstill, with the attempt of a retry (from 1)."""
         if entry.cause == "retry":
             seconds = f"{entry.duration_ns / NANOSECONDS:.3f} s"

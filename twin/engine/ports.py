@@ -82,10 +82,10 @@ class SupplyPort(Protocol):
     """Objects delivered by machines at times unknown in advance.
 
     Attributes:
-        coming: objects that have not been brought yet, by chain of the machine.
+        arriving: objects that have not been brought yet, by chain of the machine.
     """
 
-    coming: dict[int, str]
+    arriving: dict[int, str]
 
     def lift_unknown(self) -> None:
         """Remove edges from machines whose object no robot has missed yet."""
@@ -142,7 +142,7 @@ class Audience(Recorder, Protocol):
         """Execute orders given since the last call."""
         ...
 
-    def look(self, now_s: float) -> None:
+    def show_progress(self, now_s: float) -> None:
         """Show the progress at the robots' time [s]; called some times a second."""
         ...
 

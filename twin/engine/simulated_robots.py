@@ -62,7 +62,7 @@ class SimulatedRobots(RobotPort):
         while not queue:
             arrival = cell.idle[chain] = cell.env.event()
             if cell.narrator is not None:
-                check = cell.at_the_end_of_now(_LAST)
+                check = cell.end_of_instant(_LAST)
                 check.callbacks.append(lambda _: cell.report_wait(chain, node))
             yield arrival
         queue.popleft()
@@ -144,7 +144,7 @@ class SimulatedRobots(RobotPort):
                 detail = describe_failure(cell.tpg, cell.times, chain)
                 narrator.emit("failed", chain, node, detail=detail)
                 return
-            narrator.goes_on(chain, node, entry, attempt)
+            narrator.end_standstill(chain, node, entry, attempt)
         now = begin = cell.now_ns
         for offset, name, holder in narrator.handlings.get((chain, node), ()):
             passed = begin

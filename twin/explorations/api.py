@@ -129,7 +129,7 @@ def explore(
     if resume is not None:
         if vary or sampler or replications or seed is not None or out is not None:
             raise RequestError(
-                "what is resumed goes on as it began: with --resume give --designs and --seconds only"
+                "a resumed exploration keeps its settings: with --resume give --designs and --seconds only"
             )
         place = Path(resume)
         request = read_request(place)
@@ -232,7 +232,7 @@ def _evaluators(
             yield ClusterCrew(setting, executor, parallelism(executor), limit_s)
     except ClusterLostError as error:
         raise ClusterLostError(
-            f"{error}; what was done is kept, go on with --resume {folder}"
+            f"{error}; what was done is kept, continue with --resume {folder}"
         ) from error
 
 
@@ -265,7 +265,7 @@ def _run(
         exploration.search(crew, most, seconds or section.seconds)
         finalists = finals.race()
         if finalists and len(section.goals) == 1:
-            worths = finals.worths(finalists[0], crew)
+            worths = finals.change_values(finalists[0], crew)
     found = summary_of(
         scenario.name, exploration, finalists, worths, scenario.seed, singles
     )

@@ -28,9 +28,10 @@ def explore(
         typer.Option(
             min=1,
             metavar="N",
-            help="Search for nothing, but try changes of one key of a scenario that works"
-            " (a base, a feeder, HOME, a grip, an order, a quicker tool), and tell the so"
-            " many that gain most for their effort.",
+            help="Instead of a search, evaluate changes of single keys of a "
+            "working scenario (a base, a feeder, HOME, a grip, an order, a "
+            "quicker tool), and report this many with the greatest gain per "
+            "effort.",
         ),
     ] = None,
     sampler: Annotated[
@@ -39,12 +40,14 @@ def explore(
     ] = None,
     designs: Annotated[
         int | None,
-        typer.Option(min=1, help="How many are tried, in place of the section's."),
+        typer.Option(
+            min=1, help="Number of designs to evaluate, in place of the section's."
+        ),
     ] = None,
     seconds: Annotated[
         float | None,
         typer.Option(
-            help="For how long more are tried, in place of the section's [s]."
+            help="Time in which new designs are tried, in place of the section's [s]."
         ),
     ] = None,
     replications: Annotated[
@@ -53,27 +56,28 @@ def explore(
             "--replications",
             "-n",
             min=2,
-            help="Of each design, in place of the section's.",
+            help="Replications of each design, in place of the section's.",
         ),
     ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
-            min=0, help="Of all choices and draws, in place of the scenario's."
+            min=0, help="Seed of all choices and draws, in place of the scenario's."
         ),
     ] = None,
     workers: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Processes; by default one a core. With 1 the same seed finds the same.",
+            help="Worker processes; by default one a core. With 1, the same seed "
+            "gives the same result.",
         ),
     ] = None,
     resume: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Go on with the exploration in this folder; nothing is evaluated twice.",
+            help="Resume the exploration in this folder; nothing is evaluated twice.",
         ),
     ] = None,
     out: Annotated[
@@ -89,10 +93,10 @@ def explore(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Search among designs of a cell for the best, and say what it is worth.
+    """Search the designs of a cell for the best ones, and estimate their gains.
 
-    What may be different, and what is looked for, is in the section explore of the scenario. Each design
-    is checked, then reached for, planned, planned in full and replicated; what is refused says why.
+    The section explore of the scenario has the varied keys and the goals. Each design is evaluated in rungs:
+    check, reach, plan, full plan, replications; a refused design is listed with the reason.
     """
     from twin.cluster.commands import given_cluster
     from twin.explorations import api
@@ -116,4 +120,4 @@ def explore(
             out=out,
             progress=progress,
         )
-    view.tell(found.summary, lambda: print_explored(found.found, found.folder))
+    view.output(found.summary, lambda: print_explored(found.found, found.folder))

@@ -146,11 +146,11 @@ class Crew:
             for worker in busy:
                 task = worker.task
                 assert task is not None
-                if (done := self._look(worker)) is not None:
+                if (done := self._poll_worker(worker)) is not None:
                     found.append((task, done))
         yield from sorted(found, key=lambda item: item[0].number)
 
-    def _look(self, worker: _DesignWorker) -> Evaluation | None:
+    def _poll_worker(self, worker: _DesignWorker) -> Evaluation | None:
         """Return the result of a worker, or its failure; None while it works."""
         try:
             while worker.pipe.poll():
@@ -158,7 +158,7 @@ class Crew:
                 if isinstance(said, Evaluation):
                     worker.task = None
                     return said
-                worker.hears(said)
+                worker.report_rung(said)
         except (EOFError, OSError):
             return self._dead(worker)
         if worker.left_s(self._limit_s) <= 0.0:
@@ -176,7 +176,7 @@ class Crew:
             if self._stillborn >= _CRASHES:
                 raise TwinError(
                     f"{_CRASHES} processes ended before they began (exit code {code}); what was done is"
-                    " kept, go on with --resume"
+                    " kept, continue with --resume"
                 )
         how = f"exit code {code}"
         if code is not None and code < 0:
@@ -207,7 +207,7 @@ class _DesignWorker:
         with suppress(OSError):  # it is dead: that is seen when it is looked at
             self.pipe.send(task)
 
-    def hears(self, rung: str) -> None:
+    def report_rung(self, rung: str) -> None:
         if not self._ready:  # importing is no part of a design
             self._ready, self._since = True, time.monotonic()
         self.rung = rung

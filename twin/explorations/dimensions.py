@@ -170,12 +170,12 @@ def vary_section(text: str) -> VarySection:
     key, _, rest = text.partition("=")
     bounds = _RANGE.match(rest.strip())
     own = key.strip().removeprefix("execution.")
-    ways = "write key=low..high, key=a,b,c or key=order"
+    syntax = "write key=low..high, key=a,b,c or key=order"
     if not own or not rest.strip():
-        raise ScenarioError(f"cannot vary {text!r}: {ways}")
+        raise ScenarioError(f"cannot vary {text!r}: {syntax}")
     if not bounds and _BETWEEN.match(rest.strip()):
         words = "low and high of a range are numbers, with two dots between them"
-        raise ScenarioError(f"cannot vary {text!r}: {words}; {ways}")
+        raise ScenarioError(f"cannot vary {text!r}: {words}; {syntax}")
     try:
         if bounds:
             low, high = map(_number, bounds.groups())
@@ -188,7 +188,7 @@ def vary_section(text: str) -> VarySection:
         said = str(error).splitlines()
         words = next((line for line in said if "Value error" in line), said[0])
         words = words.strip().removeprefix("Value error, ").partition(" [type=")[0]
-        raise ScenarioError(f"cannot vary {text!r}: {words}; {ways}") from None
+        raise ScenarioError(f"cannot vary {text!r}: {words}; {syntax}") from None
 
 
 def _number(text: str) -> int | float:
@@ -249,8 +249,8 @@ def dimensions_of(
     if not problems:
         return tuple(found)
     if explore_section(scenario) == section and document.nearest(problems[0][0]):
-        told: list[FileProblem] = [document.problem(*item) for item in problems]
-        raise InvalidScenarioError(document.path, told, document.lines)
+        faults: list[FileProblem] = [document.problem(*item) for item in problems]
+        raise InvalidScenarioError(document.path, faults, document.lines)
     raise ScenarioError("; ".join(text for _, text in problems))
 
 

@@ -110,7 +110,7 @@ class Exploration:
                 else:
                     break
                 values = self._choose(number)
-                asked = values, self._search.told
+                asked = values, self._search.evaluated
                 if any(key_of(v) == key_of(values) for v, _ in under_way.values()):
                     twins[number] = asked
                 elif (known := self._known.get(key_of(values))) is not None:

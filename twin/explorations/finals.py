@@ -40,7 +40,7 @@ from twin.studies.replications.statistics import (
 )
 from twin.studies.replications.workload import compute_block
 
-RACING, UNDOING = "best designs told apart", "what changes are worth"
+RACING, UNDOING = "comparison of the best designs", "what changes are worth"
 REPLANNING = "plans with other seeds"
 """Names of the stages for progress displays."""
 
@@ -221,7 +221,9 @@ class Finals:
             return 0
         return None if None in signs else (1 if 1 in signs else -1)
 
-    def worths(self, best: Finalist, crew: Evaluators) -> tuple[ChangeValue, ...]:
+    def change_values(
+        self, best: Finalist, crew: Evaluators
+    ) -> tuple[ChangeValue, ...]:
         """Return the gain of all changes of a design, then of each, the greatest first.
 
         Each change is undone alone, planned, and replicated with the same draws.
@@ -264,8 +266,8 @@ class Finals:
                 found.append(ChangeValue(key, words, None, reason))
                 continue
             gain = self.difference(other, best.row, count, self._section.confidence)
-            anew = None if key else self.gain_by_plans(other, best.row, count, crew)
-            found.append(ChangeValue(key, words, gain, by_plans=anew))
+            by_plans = None if key else self.gain_by_plans(other, best.row, count, crew)
+            found.append(ChangeValue(key, words, gain, by_plans=by_plans))
         return tuple(sorted(found, key=_greatest_first))
 
     def gain_by_plans(
@@ -334,7 +336,7 @@ class Finals:
                 own: dict[str, Any] = {"confidence": confidence}
                 own |= {"seed": self._setting.scenario.seed}
                 base = PairedQuantiles(first[both], _PERCENTILES[about], **own)
-                found = base.fall(second[both])
+                found = base.reduction(second[both])
             return found if found is None or section.sign > 0 else _turned(found)
         value, against = self._judge(one, goal), self._judge(other, goal)
         estimate = value(first) - against(second)

@@ -95,7 +95,7 @@ def require_free(folder: Path | None) -> None:
         return
     if (folder / JOURNAL).exists():
         raise RequestError(
-            f"{folder} holds an exploration already: go on with it by --resume {folder}, or give"
+            f"{folder} holds an exploration already: continue it with --resume {folder}, or give"
             " another folder"
         )
     if (folder / MANIFEST).exists():
@@ -119,7 +119,7 @@ def read_sample(path: Path) -> Array:
         ):
             raise ValueError("these are no makespans")
     except NPZ_ERRORS as error:
-        _log.warning("%s: cannot be read, is computed anew: %s", path, error)
+        _log.warning("%s: cannot be read, is recomputed: %s", path, error)
         return np.empty(0)
     return values
 

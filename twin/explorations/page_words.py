@@ -90,7 +90,7 @@ def verdict(found: ExploreSummary) -> Iterator[str]:
     same = ", ".join(f"#{item.rank}" for item in finals if not item.apart)
     with_ = f" after {count} new replications of each" if count else ""
     if same:
-        yield f"#1 is not told apart from {same}{with_}, at {share}"
+        yield f"#1 does not differ significantly from {same}{with_}, at {share}"
     else:
         yield f"#1 is better than the other finalists{with_}, at {share}"
 

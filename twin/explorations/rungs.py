@@ -247,8 +247,8 @@ def complete_evaluation(
         words = ", ".join(f"not {one.text}" for one in missed)
         named = [k for k in results if any(k in one.used for one in missed)]
         at = ", ".join(f"{k} = {results[k]:.6g}" for k in named)
-        told = f"{words} ({at})" if at else words
-        return refused_evaluation(CONSTRAINT, told, over / (1.0 + over), **known)
+        detail = f"{words} ({at})" if at else words
+        return refused_evaluation(CONSTRAINT, detail, over / (1.0 + over), **known)
     return Evaluation("done", REPLICATIONS, goals=goals, **known)
 
 

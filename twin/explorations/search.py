@@ -35,7 +35,7 @@ class Search:
     """A sampler that chooses designs and learns from their evaluations.
 
     Each is chosen with a seed of its own, by the number of the design. So what is chosen depends on what was
-    told before, and not on whether the program was stopped in between.
+    evaluated before, and not on whether the program was stopped in between.
 
     Args:
         dimensions: the varied keys.
@@ -67,7 +67,7 @@ class Search:
         self._asked: dict[int, Any] = {}
         self._left = {key_of(own): own for own in all_designs(dimensions)}
         self._left.pop(key_of(base_values(dimensions)), None)
-        self.told = 0
+        self.evaluated = 0
 
     def ask(self, number: int) -> Values:
         """Return the values of a design; number 1 is the first, 0 is the base design.
@@ -107,7 +107,7 @@ class Search:
                 if self._name in _CONSTRAINED:
                     made.set_constraint(_REFUSED, found.violation)
                 self._study.add_trial(made)
-        self.told += 1
+        self.evaluated += 1
 
     def replay(self, rows: Sequence[TriedDesign]) -> Mapping[int, Values]:
         """Repeat earlier ask and tell calls.
@@ -121,8 +121,10 @@ class Search:
         lost: dict[int, Values] = {}
         there = {row.design for row in rows}
         following = 1
-        for told, row in enumerate(rows):
-            asked = [r.design for r in rows if r.asked_after <= told and r.design > 0]
+        for evaluated, row in enumerate(rows):
+            asked = [
+                r.design for r in rows if r.asked_after <= evaluated and r.design > 0
+            ]
             while following <= max(asked, default=0):
                 values = self.ask(following)
                 if following not in there:

@@ -46,11 +46,9 @@ Number = int | float
 SamplerName = Literal["tpe", "cma-es", "nsga-ii", "random"]
 
 
-def _checked(text: str) -> str:
-    return Inequality(text, RESULTS).check().text
-
-
-Condition = Annotated[str, AfterValidator(_checked)]
+Condition = Annotated[
+    str, AfterValidator(lambda text: Inequality(text, RESULTS).check().text)
+]
 
 
 class VarySection(Section):
@@ -78,8 +76,8 @@ class VarySection(Section):
     def _one_way(self) -> VarySection:
         if (self.low is None) != (self.high is None):
             raise ValueError("give both of low and high")
-        ways = (self.low is not None, self.values is not None, self.order)
-        if sum(ways) != 1:
+        variants = (self.low is not None, self.values is not None, self.order)
+        if sum(variants) != 1:
             raise ValueError("give low and high, or values, or order: true")
         if self.low is not None and self.high is not None and self.low >= self.high:
             raise ValueError(f"low {self.low:g} is not below high {self.high:g}")

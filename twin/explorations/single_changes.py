@@ -267,7 +267,7 @@ def judge_changes(
         item, row = found[k]
         gain = finals.difference(base, row, count, 1.0 - risk)
         if gain is not None:
-            told = item.words or words[item.key].words(item.value)
-            out.append(SingleChange(item.kind, told, gain, efforts[item.kind]))
+            label = item.words or words[item.key].words(item.value)
+            out.append(SingleChange(item.kind, label, gain, efforts[item.kind]))
     progress(PROVING, 1, 1)
     return tuple(sorted(out, key=lambda c: (not c.sure, -c.rate))[:most])

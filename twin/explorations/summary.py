@@ -99,10 +99,10 @@ class RankedDesign:
 
     def content(self) -> dict[str, Any]:
         """Return it for JSON."""
-        told = {**vars(self), "changes": list(self.changes)}
+        content = {**vars(self), "changes": list(self.changes)}
         for name in ("mean_s", "behind"):
-            told[name] = told[name] and told[name].content()
-        return told
+            content[name] = content[name] and content[name].content()
+        return content
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,9 @@ def fit(
     start: Annotated[
         str | None,
         typer.Option(
-            help="Column of the time stamps at which durations start, in place of --column:"
-            " numbers or ISO 8601. Columns start and end are found without."
+            help="Column of the time stamps at which durations start, in place of "
+            "--column: numbers or ISO 8601. Default: columns start and end, "
+            "if present."
         ),
     ] = None,
     end: Annotated[
@@ -49,28 +50,28 @@ def fit(
     by: Annotated[
         list[str] | None,
         typer.Option(
-            help="Fit each value of this column on its own: skill, robot or object."
-            " Repeatable."
+            help="Fit each value of this column separately: skill, robot or "
+            "object. Repeatable."
         ),
     ] = None,
     skill: Annotated[
         str | None,
         typer.Option(
-            help="What all rows are of; default: the file's name where it is a skill."
+            help="Skill of all rows; default: the file's name where it is a skill."
         ),
     ] = None,
     unit: Annotated[
         str | None,
         typer.Option(
-            help="Of numbers in columns whose names have no unit: s, ms, min, h, us or ns;"
-            " default: s."
+            help="Unit of numbers in columns whose names have no unit: s, ms, min, "
+            "h, us or ns; default: s."
         ),
     ] = None,
     apply: Annotated[
         Path | None,
         typer.Option(
             metavar="SCENARIO",
-            help="Write this scenario anew, with the fitted durations.",
+            help="Write a copy of this scenario with the fitted durations.",
         ),
     ] = None,
     into: Annotated[
@@ -93,17 +94,16 @@ def fit(
         int,
         typer.Option(min=19, max=100000, help="Bootstrap samples of each test."),
     ] = 499,
-    seed: Annotated[int, typer.Option(min=0, help="Of the bootstrap.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """Find the distributions that fit measured durations best.
 
-    Each family is fitted by greatest likelihood and tested: Anderson-Darling, its p value by
-    parametric bootstrap. Those that are not rejected (p of at least 0.05) come first, in each
-    part by their AICc. Leaves durations.yaml, the lines for a scenario; fit.json, all figures;
-    and a picture of each group: histogram with densities, and quantiles. --apply puts the
-    durations into a scenario, which plans and executes with them.
+    Each family is fitted by maximum likelihood and tested: Anderson-Darling, with a p value by parametric
+    bootstrap. Families that are not rejected (p of at least 0.05) come first, ordered by AICc. Writes
+    durations.yaml, the lines for a scenario; fit.json, all figures; and a picture of each group: histogram
+    with densities, and quantiles. --apply writes a scenario with these durations.
     """
     from twin.fit.applied import apply_fits, require_skills
     from twin.fit.candidates import fit_candidates
@@ -122,8 +122,8 @@ def fit(
     samples, left_out = read_samples(
         files, columns=columns, by=by or (), skill=skill, unit=unit
     )
-    for told in unit_notes(files, samples, columns, unit):
-        typer.echo(told, err=True)
+    for line in unit_notes(files, samples, columns, unit):
+        typer.echo(line, err=True)
     if apply is not None:
         require_skills(samples)
     names = [

@@ -38,14 +38,19 @@ def follow(
         typer.Option(min=0.001, help="Time of the run between forecasts, in seconds."),
     ] = 2.0,
     samples: Annotated[
-        int, typer.Option(min=1, max=100000, help="Futures that are drawn.")
+        int,
+        typer.Option(
+            min=1,
+            max=100000,
+            help="Number of simulated continuations for each forecast.",
+        ),
     ] = 200,
     scenario: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Scenario that durations and disturbances are taken from; default:"
-            " that of the plan's folder.",
+            help="Scenario with the durations and disturbances; default: that of "
+            "the plan's folder.",
         ),
     ] = None,
     once: Annotated[
@@ -69,10 +74,10 @@ def follow(
     ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Follow a run in progress: what every robot does, and when it will all be done.
+    """Follow a run in progress: activities of the robots, and a forecast of its end.
 
-    Flags every event that the plan forbids, and forecasts the end of the run by drawing what is
-    not done again and again. Ends with 1 when something forbidden happened or the run failed.
+    Flags every event that the plan forbids, and forecasts the end of the run by simulating the remaining work
+    many times. Exits with code 1 if a forbidden event occurred or the run failed.
     """
     from twin.follow.follow import follow as follow_run
     from twin.follow.follow import lines_of_growing_file, lines_of_pipe, lines_of_server

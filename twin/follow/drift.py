@@ -108,7 +108,7 @@ class DriftWatch:
     def __init__(
         self, tpg: TemporalPlanGraph, model: ExecutionModel, seed: int = 0
     ) -> None:
-        futures = list(_futures(tpg, model, seed))
+        futures = list(_simulated_durations(tpg, model, seed))
         self._robots = [chain.robot for chain in tpg.chains]
         times: dict[tuple[str, int], list[Indices]] = {}
         draws = model.durations.bind(tpg)
@@ -129,7 +129,7 @@ class DriftWatch:
                 scores = _scores(each, each)
                 self._series.append(_Series(what, k, tuple(own), each, scores))
 
-    def look(self, run: FollowedRun) -> tuple[Drift, ...]:
+    def current_drifts(self, run: FollowedRun) -> tuple[Drift, ...]:
         """Return the current drifts, the largest first.
 
         Args:
@@ -179,7 +179,7 @@ class DriftWatch:
         )
 
 
-def _futures(
+def _simulated_durations(
     tpg: TemporalPlanGraph, model: ExecutionModel, seed: int
 ) -> Iterator[tuple[Nanoseconds, ...]]:
     """Yield node durations of each future, without standstills, one array per chain [ns].

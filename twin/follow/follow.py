@@ -12,7 +12,7 @@ from contextlib import ExitStack, suppress
 from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from planning.errors import OutputError
 from planning.files import open_regular
@@ -30,6 +30,11 @@ _CONNECT_S = 10.0
 
 _PIECE = 1 << 20
 """Bytes read at once."""
+
+News: TypeAlias = (
+    "Event | ForbiddenEvent | UnreadableLine | Forecast | Drift | Silence | FollowedRun"
+)
+"""An update of a followed run, whose state holds it already; the run itself is the last one."""
 
 
 def lines_of_growing_file(
@@ -153,12 +158,6 @@ class Silence(NamedTuple):
     seconds: float
 
 
-News = (
-    Event | ForbiddenEvent | UnreadableLine | Forecast | Drift | Silence | FollowedRun
-)
-"""What is new about a followed run, whose state holds it already; the run itself is its end."""
-
-
 def follow(
     lines: Iterable[str | None],
     run: FollowedRun,
@@ -171,7 +170,7 @@ def follow(
     """Follow a run until it ends or there are no more lines.
 
     There is a forecast before the first event at or after every multiple of ``every_s`` of the
-    run's time; what drifts is told with it, once, and again where it has left its interval. While there is nothing to read, the run's time goes on with the clock.
+    run's time; drifts are reported with it, once, and again where it has left its interval. While there is nothing to read, the run's time advances with the clock.
 
     Args:
         lines: lines of the event log; None if there is no new one.
@@ -184,9 +183,9 @@ def follow(
     every = max(int(every_s * NANOSECONDS), 1)
     due = 0
     heard = clock()
-    told: dict[tuple[str, str], Drift] = {}
+    reported: dict[tuple[str, str], Drift] = {}
 
-    def tell(news: News) -> None:
+    def notify(news: News) -> None:
         for listener in listeners:
             listener(news)
 
@@ -194,12 +193,12 @@ def follow(
         nonlocal due, forecaster
         due = (now_ns // every + 1) * every
         forecaster = forecaster.of(run.tpg)
-        tell(forecaster.forecast(run, now_ns))
+        notify(forecaster.forecast(run, now_ns))
         for drift in forecaster.drifts(run):
-            before = told.get((drift.what, drift.robot))
+            before = reported.get((drift.what, drift.robot))
             if before is None or not before.low <= drift.ratio <= before.high:
-                told[drift.what, drift.robot] = drift
-                tell(drift)
+                reported[drift.what, drift.robot] = drift
+                notify(drift)
 
     try:
         number = 0
@@ -209,7 +208,7 @@ def follow(
                 now = run.now_ns + int(silent_s * NANOSECONDS)
                 if run.events and now >= due:
                     make_forecast(now)
-                tell(Silence(silent_s))
+                notify(Silence(silent_s))
                 continue
             number += 1
             heard = clock()
@@ -218,15 +217,15 @@ def follow(
             try:
                 event = Event.parse(line)
             except EventLogError as error:
-                tell(UnreadableLine(number, error))
+                notify(UnreadableLine(number, error))
                 continue
             if event.t_ns >= due and not run.outcome:
                 make_forecast(max(event.t_ns // every * every, run.now_ns))
             found = run.apply(event)
-            tell(event)
+            notify(event)
             for violation in found:
-                tell(violation)
+                notify(violation)
             if run.outcome:
                 break
     finally:
-        tell(run)
+        notify(run)

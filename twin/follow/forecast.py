@@ -116,7 +116,7 @@ class Forecaster:
     def drifts(self, run: FollowedRun) -> tuple[Drift, ...]:
         """Return the current drifts of a run, the largest first."""
         # Making the watch takes a while, in which a run may just have begun.
-        return self._watch.look(run) if run.nodes_done >= FEWEST else ()
+        return self._watch.current_drifts(run) if run.nodes_done >= FEWEST else ()
 
     @cached_property
     def _watch(self) -> DriftWatch:

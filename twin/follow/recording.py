@@ -30,7 +30,7 @@ from twin.rerun.bodies import (
     draw_object,
     draw_robot,
     draw_temporary_object,
-    hidden_until_later,
+    hidden_placement,
     move_robot,
     place_object,
 )
@@ -108,7 +108,7 @@ class LiveRecording:
         for item in self._tpg.cell.objects:
             if item.name not in known:
                 draw_temporary_object(self._rec, item, (0,), (False,))
-                place_object(self._rec, item.name, [hidden_until_later(item)])
+                place_object(self._rec, item.name, [hidden_placement(item)])
 
     def _draw_lanes(self) -> None:
         self._lanes = {
@@ -216,7 +216,7 @@ class LiveRecording:
                 draw_temporary_object(rec, item, (0,), (not item.later,))
             else:
                 draw_object(rec, item)
-            place_object(rec, item.name, [hidden_until_later(item)])
+            place_object(rec, item.name, [hidden_placement(item)])
         for name, (_, colour) in _QUANTILES.items():
             rec.log(
                 entity_path(entities.FORECAST, name),

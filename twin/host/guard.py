@@ -81,7 +81,7 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
             code = ExitCode.INTERRUPTED
         except TwinError as error:
             print_error(error_message(error))
-            at_fault = isinstance(error, _INPUTS) and not _ran_out_of_space(error)
+            at_fault = isinstance(error, _INPUTS) and not _is_out_of_space(error)
             code = ExitCode.BAD_INPUT if at_fault else ExitCode.FAILED
         except ModuleNotFoundError as error:
             missing = error.name or ""
@@ -92,7 +92,7 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
         except BrokenPipeError:  # whoever read the output went away: main knows
             raise
         except Exception as error:
-            full = _ran_out_of_space(error)
+            full = _is_out_of_space(error)
             print_error(
                 f"no more room: {error}" if full else report_unforeseen_error(error)
             )
@@ -102,7 +102,7 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
     return run
 
 
-def _ran_out_of_space(error: BaseException) -> bool:
+def _is_out_of_space(error: BaseException) -> bool:
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, OSError) and cause.errno in _FULL:

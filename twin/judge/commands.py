@@ -32,8 +32,8 @@ def judge(
         Path | None,
         typer.Option(
             metavar="SCENARIO",
-            help="Its task, a scenario file or the name of one that comes with the program;"
-            " by default the one that the plan names.",
+            help="Scenario of the plan, a file or the name of one that comes with "
+            "the program; by default the one that the plan names.",
         ),
     ] = None,
     seeds: Annotated[
@@ -41,24 +41,25 @@ def judge(
         typer.Option(
             min=0,
             max=10_000,
-            help="Executions under delays, with 0, 1, 2 and so on as their seeds.",
+            help="Number of executions under delays, with the seeds 0, 1, 2 and so on.",
         ),
     ] = 5,
     audit_engine: Annotated[
         str | None,
         typer.Option(
             metavar="ENGINE",
-            help="What distances are measured with, pybullet or coal; by default PyBullet"
-            " where it is installed, else coal.",
+            help="Collision engine for distances, pybullet or coal; by default "
+            "PyBullet where it is installed, else coal.",
         ),
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Judge a plan of any planner, handed in as an open plan.
+    """Judge a plan of any planner, given as an open plan.
 
-    It is replayed at its own times, and under delays: collisions, limits of joints, what changes hands, places,
-    order and waits, by an engine that shares nothing with a planner. Ends with 1 where anything is wrong.
+    It is replayed at its own times and under delays, and checked for collisions, joint limits, handovers,
+    places, order and waits, by an engine that shares no code with the planner. Exits with code 1 if there are
+    violations.
     """
     from twin.audits.worlds.engines import engine_named
     from twin.judge import judge as judging

@@ -52,12 +52,8 @@ class DelayModel:
     stall_s: tuple[float, float] = (2.0, 10.0)
 
 
-DELAYS = DelayModel()
-"""The delay model of the open benchmark."""
-
-
 def delayed_spans(
-    plan: OpenPlan, stretch: Stretch, seed: int, model: DelayModel = DELAYS
+    plan: OpenPlan, stretch: Stretch, seed: int, model: DelayModel | None = None
 ) -> dict[str, MotionSpan]:
     """Return the times of a plan's motions under delays, by id.
 
@@ -69,12 +65,12 @@ def delayed_spans(
         plan: the plan.
         stretch: how much longer skills take.
         seed: of the draws.
-        model: of the delays.
+        model: of the delays; by default that of the open benchmark.
 
     Raises:
         CircularWaitsError: motions wait for each other.
     """
-    factors, stalls = _draws(plan, stretch, seed, model)
+    factors, stalls = _draws(plan, stretch, seed, model or DelayModel())
     if plan.waits:
         return _by_waits(plan, factors, stalls)
     out = {}
@@ -131,7 +127,7 @@ def _by_waits(
             for motion in stuck
         )
         raise CircularWaitsError(
-            f"nobody can go on: {waits}", motions=[motion.id for motion in stuck]
+            f"no motion can begin: {waits}", motions=[motion.id for motion in stuck]
         )
     return out
 

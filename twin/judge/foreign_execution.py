@@ -171,7 +171,7 @@ def _rows(
 class _Table:
     """Collects rows of a robot, from rest at time 0.
 
-    A row at the time of the one before and in the same place takes its stead: of a motion that goes on
+    A row at the time of the one before and in the same place takes its stead: of a motion that continues
     where another one ended, at speed or not, the speeds of the later one count.
     """
 
@@ -232,7 +232,7 @@ def _jump(
 
 
 @dataclass(eq=False)
-class _Whereabouts:
+class _ObjectLocation:
     holder: str | None
     pose: Transform
 
@@ -257,13 +257,13 @@ class _Hands:
     def __post_init__(self) -> None:
         self._numbers = {r.name: k for k, r in enumerate(self.world.cell.robots)}
         self._places = {
-            item.name: _Whereabouts(None, item.start)
+            item.name: _ObjectLocation(None, item.start)
             for item in self.world.cell.objects
             if not item.later
         }
         for tool in self.tools:
             if tool.first:
-                self._places[tool.name] = _Whereabouts(tool.robot, tool.mount)
+                self._places[tool.name] = _ObjectLocation(tool.robot, tool.mount)
                 self.rows.append(ObjectRow(0.0, tool.name, tool.robot, tool.mount))
 
     def change(self, t: float, name: str, motion: OpenMotion, event: OpenEvent) -> None:
@@ -281,7 +281,7 @@ class _Hands:
         if (place is None) != (verb == "appear"):
             return
         start = self.world.cell.object(thing).start
-        world = start if place is None else self._in_world(place, t)
+        world = start if place is None else self._world_pose(place, t)
         holder = {"take": name, "give": event.to, "leave": Handling.GONE}.get(verb)
         hand = None if holder in (None, Handling.GONE) else self._flange(str(holder), t)
         pose = world if hand is None else np.asarray(inverse(hand) @ world)
@@ -296,9 +296,9 @@ class _Hands:
         if holder == Handling.GONE:
             del self._places[thing]
         else:
-            self._places[thing] = _Whereabouts(holder, pose)
+            self._places[thing] = _ObjectLocation(holder, pose)
 
-    def _wrong(self, name: str, event: OpenEvent, place: _Whereabouts) -> str:
+    def _wrong(self, name: str, event: OpenEvent, place: _ObjectLocation) -> str:
         """Return the fault of an event, empty if valid."""
         if event.verb in ("put", "give") and place.holder != name:
             return (
@@ -317,7 +317,7 @@ class _Hands:
         ]
         return f"{taker} has {full[0]} in its hand" if full else ""
 
-    def _in_world(self, place: _Whereabouts, t: float) -> Transform:
+    def _world_pose(self, place: _ObjectLocation, t: float) -> Transform:
         if place.holder is None:
             return place.pose
         return np.asarray(self._flange(place.holder, t) @ place.pose)

@@ -50,7 +50,7 @@ def intended_contacts(
         for robot in graph.cell.robots
     }
     _held(tasks, work, planned.changes, hands)
-    _beside(tasks, work, planned, world, max(TOUCH, wanted.touch_m))
+    _add_neighbour_contacts(tasks, work, planned, world, max(TOUCH, wanted.touch_m))
     busy: dict[str, set[int]] = defaultdict(set)
     for name, some in plan.motions.items():
         for k, motion in enumerate(some):
@@ -157,7 +157,7 @@ def _held(
         add(str(holder), thing, work.during(str(holder), since, np.inf))
 
 
-def _beside(
+def _add_neighbour_contacts(
     tasks: dict[frozenset[str], set[int]],
     work: _Work,
     planned: ForeignExecution,
@@ -176,12 +176,12 @@ def _beside(
         thing = change.event.object
         own = work.around(change.owner, change.motion, change.event.t_s)
         if change.before is None and change.event.verb != "appear":
-            beside = set(neighbours.of(thing, change.pose))
+            touched = set(neighbours.of(thing, change.pose))
         elif change.rests is not None:
-            beside = set(neighbours.of(thing, change.rests))
+            touched = set(neighbours.of(thing, change.rests))
         else:
-            beside = set()
-        for other in beside:
+            touched = set()
+        for other in touched:
             tasks[frozenset((thing, other))] |= own
         neighbours.leave(thing)
         if change.rests is not None:

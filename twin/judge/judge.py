@@ -168,7 +168,7 @@ def judge(
     task = load(named_scenario(content, plan) if scenario is None else scenario)
     case = JudgedPlan(content, plan, task, engine)
     own = planned_spans(content)
-    findings, least = case.look(own, progress)
+    findings, least = case.audit_spans(own, progress)
     try:
         runs = []
         for seed in range(seeds):
@@ -203,8 +203,8 @@ def named_scenario(content: OpenPlan, path: Path) -> Path:
             f"{path}: names no scenario; give one with --scenario",
             choices=tuple(shipped_scenarios()),
         )
-    beside = path.parent / named
-    return beside if beside.is_file() else Path(named)
+    sibling = path.parent / named
+    return sibling if sibling.is_file() else Path(named)
 
 
 class JudgedPlan:
@@ -258,7 +258,7 @@ class JudgedPlan:
         """Return the execution with given times of motions."""
         return build_foreign_execution(self.plan, self.world, self._wanted.tools, spans)
 
-    def look(
+    def audit_spans(
         self, spans: Mapping[str, MotionSpan], progress: Report = report_nothing
     ) -> tuple[tuple[Violation, ...], float]:
         """Return the violations of an execution, by time, and the least distance of two robots [m]."""
@@ -291,7 +291,7 @@ class JudgedPlan:
 
     def delayed(self, seed: int, spans: Mapping[str, MotionSpan]) -> DelayedRun:
         """Return an execution under delays."""
-        found, _ = self.look(spans)
+        found, _ = self.audit_spans(spans)
         contacts = sum(violation.kind == "contact" for violation in found)
         return DelayedRun(seed, makespan_s(self.plan, spans), contacts, found)
 

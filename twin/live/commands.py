@@ -26,28 +26,27 @@ def drive(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder that twin cluster certificates made, where the cell listens with"
-            " one.",
+            help="Folder created by twin cluster certificates, if the cell uses them.",
         ),
     ] = None,
     pace: Annotated[
         float,
         typer.Option(
             min=1e-6,
-            help="How many times as fast as planned; that of the cell's drivers file.",
+            help="Speed relative to the plan; the same as in the cell's drivers file.",
         ),
     ] = 1.0,
     patience: Annotated[
         float,
-        typer.Option(min=0, help="How long it asks for a cell that is not there [s]."),
+        typer.Option(min=0, help="Time for which it tries to connect [s]."),
     ] = 60.0,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """Drive a simulated arm for a cell that twin operate --drivers executes.
 
-    The cell's drivers file says kind: grpc of the robot. It asks again and again until the cell is there, and
-    ends when the cell says that nothing more will come.
+    The cell's drivers file has kind: grpc for the robot. The driver tries to connect until the cell answers,
+    and ends when the cell has no more work for it.
     """
     from twin.cluster.certificates import certificates_in
     from twin.drivers.simulated_arm import SimulatedArm

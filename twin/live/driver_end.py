@@ -34,7 +34,7 @@ class UnacknowledgedSamples:
         self.kept = 0
         """Number of the oldest one that is left."""
         self._samples: deque[Sample] = deque()
-        self._told = 0
+        self._sent = 0
         self._again_s = -math.inf
 
     def add(self, samples: Iterable[Sample]) -> None:
@@ -43,25 +43,25 @@ class UnacknowledgedSamples:
         while len(self._samples) > _MOST:
             self._drop()
 
-    def heard(self, count: int) -> None:
+    def acknowledge(self, count: int) -> None:
         """Drop acknowledged samples; without an acknowledgement all kept ones are sent.
 
         Args:
             count: the number of the next one that it wants.
         """
         if not count:
-            self._told = self.kept
+            self._sent = self.kept
         while self._samples and self.kept < count:
             self._drop()
 
-    def to_tell(self, now_s: float) -> tuple[int, tuple[Sample, ...]]:
+    def to_send(self, now_s: float) -> tuple[int, tuple[Sample, ...]]:
         """Return the samples to send now, with the number of the first."""
         if now_s - self._again_s >= _AGAIN_S:
-            self._told, self._again_s = self.kept, now_s
-        first = max(self._told, self.kept)
+            self._sent, self._again_s = self.kept, now_s
+        first = max(self._sent, self.kept)
         skip = first - self.kept
         message = tuple(islice(self._samples, skip, skip + MOST_SAMPLES))
-        self._told = first + len(message)
+        self._sent = first + len(message)
         return first, message
 
     def _drop(self) -> None:
@@ -116,7 +116,7 @@ class DriverEnd:
             self._session, self._have = command.session, command.done
             self._driver.begin(np.asarray(command.start), command.done)
         self._seen = command.number
-        self._samples.heard(command.heard)
+        self._samples.acknowledge(command.heard)
         self._take(command)
         if command.tool is not None and command.tool.name != self._ordered:
             self._ordered = command.tool.name
@@ -130,7 +130,7 @@ class DriverEnd:
 
     def _take(self, command: Command) -> None:
         """Accept new nodes, if none is missing before them."""
-        failed = self._look().failed
+        failed = self._sample_state().failed
         if failed >= 0:
             # What was to come after it is of a graph that is not executed any more.
             if command.version <= self._version:
@@ -142,7 +142,7 @@ class DriverEnd:
             self._have += len(fresh)
             self._version = max(self._version, command.version)
 
-    def _look(self) -> DriverState:
+    def _sample_state(self) -> DriverState:
         """Return the state of the robot; its samples go into the next report."""
         state = self._driver.state()
         if self._session:
@@ -156,9 +156,9 @@ class DriverEnd:
             return self._report()
 
     def _report(self) -> Report:
-        now_s, state = self._clock(), self._look()
+        now_s, state = self._clock(), self._sample_state()
         self._number += 1
-        first, samples = self._samples.to_tell(now_s)
+        first, samples = self._samples.to_send(now_s)
         state = replace(state, samples=samples)
         have = self._have if state.failed < 0 else state.failed + 1
         return Report(

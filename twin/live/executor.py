@@ -13,7 +13,7 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.live.measured import MEASURED, History, history_of
 from twin.live.session import Session
 from twin.operations.executor import operate_plan, plan_again, require_unanswered
-from twin.operations.person import Says
+from twin.operations.person import AnswerCallback
 from twin.recorders.observers import Recorder
 from twin.runs.events import Event
 from twin.runs.folder import EVENTS
@@ -30,12 +30,12 @@ class LiveExecutor:
 
     Attributes:
         session: the drivers.
-        says: answers for a person; see twin.operate.
+        answer: answers for a person; see twin.operate.
         history: events of the log, of a run that is continued.
     """
 
     session: Session
-    says: Says | None = None
+    answer: AnswerCallback | None = None
     history: History | None = None
 
     @classmethod
@@ -54,7 +54,7 @@ class LiveExecutor:
         """Entries of a run's header that identify its executor."""
         return {
             "operated": True,
-            "answered": self.says is not None,
+            "answered": self.answer is not None,
             "session": self.session.content(),
         }
 
@@ -69,7 +69,7 @@ class LiveExecutor:
         live = self.session.execution(
             plan.tpg.cell, sync, folder / MEASURED, self.history
         )
-        return operate_plan(plan, folder, recorders, self.says, live)
+        return operate_plan(plan, folder, recorders, self.answer, live)
 
     def plan_to_resume(
         self, case: LoadedScenario, folder: Path, _header: RunHeader

@@ -114,7 +114,7 @@ class Link:
     _begins_at: int | None = None
     _least: int = 0
     _stuck: bool = False
-    _told: dict[int, int] = field(default_factory=dict)
+    _cleared: dict[int, int] = field(default_factory=dict)
     _at_s: float | None = None
     _shifts_s: tuple[float, float] = (0.0, 0.0)
     _jumps: int = 0
@@ -125,7 +125,7 @@ class Link:
     _sent_s: float | None = None
     _news: bool = True
 
-    def go_on(self, starts: int, done: int) -> None:
+    def restore(self, starts: int, done: int) -> None:
         """Restore the state of an earlier dispatcher.
 
         Args:
@@ -204,7 +204,7 @@ class Link:
             )
             self.done, self._stuck = max(self.done, count), False
         del self.cleared[count:]
-        self._told = {own: min(most, count) for own, most in self._told.items()}
+        self._cleared = {own: min(most, count) for own, most in self._cleared.items()}
         self.awaited = [own for own in self.awaited if own.node < count]
         self._news = True
 
@@ -238,7 +238,7 @@ class Link:
         """Return whether its robot stands where another robot's tool acts next."""
         return self.done >= awaited.node
 
-    def go_on_after(self, awaited: AwaitedActuation) -> None:
+    def send_awaited(self, awaited: AwaitedActuation) -> None:
         """Send the nodes from one on that awaited another tool."""
         self.awaited.remove(awaited)
         self._news = True
@@ -335,7 +335,7 @@ class Link:
             most: int | None = len(self.cleared)
         else:
             # A restarted driver has completed nodes, but none by itself.
-            most = self._told.get(version) if version else self.done
+            most = self._cleared.get(version) if version else self.done
         return min(most, self.failed + 1) if most and self._stuck else most
 
     def _compare_clocks(self, at_s: float, now_s: float) -> None:
@@ -404,14 +404,16 @@ class Link:
         late = self._sent_s is None or now_s - self._sent_s >= self.repeat_s
         if not self._news and not late:
             return None
-        # A driver without any report yet is told its possible start.
+        # A driver without any report yet is sent its possible start.
         have = self.done if self._have is None else self._have
         self._news, self._sent_s = False, now_s
         self.number += 1
         end = self.awaited[0].node if self.awaited else len(self.cleared)
         if self._stuck:
             end = min(end, self.failed)
-        self._told[self.version] = max(self._told.get(self.version, 0), end, self.done)
+        self._cleared[self.version] = max(
+            self._cleared.get(self.version, 0), end, self.done
+        )
         return Command(
             self.session,
             self.robot,
@@ -443,7 +445,7 @@ def sync_tool_commands(links: Mapping[str, Link]) -> list[tuple[str, int]]:
             other = links[awaited.robot]
             ordered = other.tool == awaited.order
             if link.has(awaited.node) or (ordered and not other.is_acting):
-                link.go_on_after(awaited)
+                link.send_awaited(awaited)
             elif link.is_due(awaited):
                 other.order(awaited.order)
                 found.append((name, awaited.node))

@@ -346,7 +346,7 @@ def history_of(tpg: TemporalPlanGraph, events: Sequence[Event]) -> History:
             at = f"{event.t_ns / 1e9:.3f} s"
             raise TwinError(
                 f"at {at} something failed ({event.detail}): what was planned since is not in the log, so"
-                " that nobody can go on from there; see to the cell and run the rest"
+                " that the run cannot continue from there; clear the cell and run the rest"
             )
         found.since_ns = max(found.since_ns, event.t_ns)
         if event.code is EventCode.DISPATCHER_RESTARTED:

@@ -99,7 +99,7 @@ class RemoteRobots(RobotPort):
         self._wires, self._inbox = wires, inbox or Inbox()
         self.written, self._out_s = written, out_s
         self._tolerance = tolerance
-        self._told: dict[str, _Trouble | None] = {}
+        self._reported: dict[str, _Trouble | None] = {}
         self.silent = set(links)
         self._settled = True
         self._believed_s: dict[str, float] = {}
@@ -224,8 +224,8 @@ class RemoteRobots(RobotPort):
                 # All that has come while something was planned is heard before anybody counts as silent.
                 self._take(self._inbox.get(timeout=0.0))
                 continue
-            self._look_at_links(self._wall_s())
-            self._end_if_nothing_comes(due, self._wall_s())
+            self._service_links(self._wall_s())
+            self._end_without_progress(due, self._wall_s())
             wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
             with suppress(queue.Empty):
                 self._take(self._inbox.get(timeout=max(wait, 0.0)))
@@ -238,7 +238,7 @@ class RemoteRobots(RobotPort):
             words = words if robot else f"{words}: {waits}"
             self._cell.ended = Ending(code, robot, words, pending)
 
-    def _end_if_nothing_comes(self, due_ns: float, now_s: float) -> None:
+    def _end_without_progress(self, due_ns: float, now_s: float) -> None:
         """End a session without pending events or actors, or without progress for very long."""
         links = self._links
         attended = self._cell.audience is not None
@@ -260,7 +260,7 @@ class RemoteRobots(RobotPort):
         )
         most_s = self._out_s + float(planned_ns) / NANOSECONDS / self._pace
         if now_s - self._idle_s > self._out_s:
-            self._end("nothing-to-come", "", "nothing can go on")
+            self._end("nothing-to-come", "", "nothing can continue")
         elif (stuck_s := now_s - self._progress_s) > _MOST_SLOWER * most_s:
             self._end("no-progress", "", f"no progress for {stuck_s:.4g} s")
 
@@ -315,15 +315,18 @@ class RemoteRobots(RobotPort):
 
     def _observe(self, name: str, state: DriverState) -> None:
         self._states[name], self._believed_s[name] = state, self._wall_s()
-        if name in self.silent and self._told.pop(name, None):
+        if name in self.silent and self._reported.pop(name, None):
             self.record_driver(name, "")  # before all that it has done meanwhile
         self._stop_off_path(name, state)
         self.nodes.sync_tool_commands()
-        news, self.nodes.news[name] = self.nodes.news[name], self._cell.env.event()
+        news, self.nodes.updates[name] = (
+            self.nodes.updates[name],
+            self._cell.env.event(),
+        )
         news.succeed()
         if name in self.silent:
             self.silent.discard(name)
-            self._cell.dispatch_again()
+            self._cell.redispatch()
 
     def _stop_off_path(self, name: str, state: DriverState) -> None:
         """Stop all robots if one is too far off its path; one at fault is excluded with its own cause."""
@@ -338,26 +341,26 @@ class RemoteRobots(RobotPort):
         for link in self._links.values():
             link.hold(True)
 
-    def _look_at_links(self, now_s: float) -> None:
+    def _service_links(self, now_s: float) -> None:
         """Execute orders of people, send commands to drivers, and check their heartbeats."""
         audience = self._cell.audience
         if audience is not None:
             audience.obey()
         for name, link in self._links.items():
             self._send(name)
-            trouble = out = self._why_out(name, now_s)
+            trouble = out = self._find_trouble(name, now_s)
             if not link.alive(now_s):
                 self.silent.add(name)
                 trouble = trouble or _Trouble("silent", "no sign of life")
-            if trouble != self._told.get(name):
-                self._told[name] = trouble
+            if trouble != self._reported.get(name):
+                self._reported[name] = trouble
                 self.now(self.record_driver, name, trouble.words if trouble else "")
                 if out:
                     self.now(self._give_up_driver, name, out.words)
         if audience is not None:
-            audience.look(now_s)
+            audience.show_progress(now_s)
 
-    def _why_out(self, name: str, now_s: float) -> _Trouble | None:
+    def _find_trouble(self, name: str, now_s: float) -> _Trouble | None:
         """Return why a driver cannot be relied on, None if it can."""
         link, state = self._links[name], self._states.get(name)
         if state is not None and state.mode == "fault":
@@ -417,7 +420,7 @@ class RemoteRobots(RobotPort):
             yield self._cell.env.timeout(round(_TICK_S * self._pace * NANOSECONDS))
         self._settled = True
         # Robots whose plan depends on an open question continue to the end of their plan.
-        self._cell.dispatch_again()
+        self._cell.redispatch()
         return made.result()
 
     def _may_release(self, chain: int) -> bool:

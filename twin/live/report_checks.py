@@ -195,10 +195,10 @@ def _node_bounds(report: Report, most: int) -> Iterator[_Bound]:
 def _failure_bounds(report: Report, known: Clearance) -> Iterator[_Bound]:
     """Yield bounds of the node that has failed: the first one of a skill, begun and not done before."""
     state, node, nodes = report.state, report.state.failed, known.nodes
-    told = -1 if known.last is None else known.last.state.failed
-    if 0 <= told == known.failed:
-        yield "failure-withdrawn", "failed", node, told, told
-    if node < 0 or node == told:
+    stated = -1 if known.last is None else known.last.state.failed
+    if 0 <= stated == known.failed:
+        yield "failure-withdrawn", "failed", node, stated, stated
+    if node < 0 or node == stated:
         return
     yield "beyond-clearance", "failed", node, 0, (known.most or 0) - 1
     first = node == 0 or nodes[node - 1].task != nodes[node].task

@@ -34,7 +34,7 @@ class ReportedNodes:
     Attributes:
         links: state of the protocol of each driver, by robot.
         states: the last report of each.
-        news: events triggered by the next report of each.
+        updates: events triggered by the next report of each.
         log: file of samples.
         history: history of the log, where the dispatcher was restarted.
         wall_s: returns the time, counted from anywhere [s].
@@ -62,7 +62,7 @@ class ReportedNodes:
         self.begin_s, self.pace = clock() - since_s / pace, pace
         self.states: dict[str, DriverState] = {}
         self._missing_s: dict[str, float] = {}
-        self.news = {name: execution.env.event() for name in links}
+        self.updates = {name: execution.env.event() for name in links}
         self._rows = {name: MeasuredRows() for name in links}
         self._acts = actuation_nodes(execution.tpg)
         self.log, self.history = log, history
@@ -83,7 +83,7 @@ class ReportedNodes:
             if (link := self.links.get(chain.robot)) is not None:
                 for node in range(len(cleared)):
                     self._clear(link, k, node, passed=node < len(done))
-                link.go_on(history.starts, len(done))
+                link.restore(history.starts, len(done))
                 link.hold(chain.robot in history.held)
                 self._rows[chain.robot].cleared_ns = list(cleared)
             else:
@@ -123,11 +123,11 @@ class ReportedNodes:
         """
         for k, chain in enumerate(self._cell.tpg.chains):
             if (rows := self._rows.get(chain.robot)) is not None:
-                for told, own in (
+                for known_times, own in (
                     (self._cell.start[k], rows.begin_ns),
                     (self._cell.end[k], rows.end_ns),
                 ):
-                    told[: len(own)] = map(min, told, own)
+                    known_times[: len(own)] = map(min, known_times, own)
 
     def node_times(self) -> NodeTimes:
         """Return node durations."""
@@ -214,11 +214,11 @@ class ReportedNodes:
         if self.link(chain) is None:
             if self._cell.start[chain][node] < 0:
                 return (yield from self._simulated.execute(chain, node))
-            yield from self._go_on_with(chain, node)
+            yield from self._finish_undriven(chain, node)
             return False
         name = self._cell.tpg.chains[chain].robot
         while not self._reached(name, node):
-            yield self.news[name]
+            yield self.updates[name]
         rows = self._rows[name]
         if self._cell.start[chain][node] < 0:
             self._cell.start[chain][node] = rows.begin_ns[node]
@@ -226,7 +226,7 @@ class ReportedNodes:
             if self._cell.narrator is not None:
                 self._cell.narrator.emit("started", chain, node)
         while not self._reached(name, node, through=True):
-            yield self.news[name]
+            yield self.updates[name]
         if self.links[name].failed == node:
             if self._cell.narrator is not None:
                 words = self.states[name].words
@@ -236,7 +236,7 @@ class ReportedNodes:
         self._cell.end[chain][node] = rows.end_ns[node]
         return False
 
-    def _go_on_with(self, chain: int, node: int) -> Steps:
+    def _finish_undriven(self, chain: int, node: int) -> Steps:
         """Execute the rest of a node without a driver that began before the dispatcher's restart."""
         end_ns = self._simulated.motion_end(chain, node, self._cell.start[chain][node])
         yield self._cell.env.timeout(max(end_ns - self._cell.now_ns, 0))

@@ -274,7 +274,7 @@ class Service:
                     stream.refused += 1
                     if stream.refused <= _MOST_REFUSED:
                         peer, words = stream.context.peer(), plain_text(str(error))
-                        _log.warning("%s: left aside: %s", peer, words)
+                        _log.warning("%s: ignored: %s", peer, words)
                 else:
                     stream.heard_s = time.monotonic()
                     return report

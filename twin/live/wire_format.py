@@ -105,33 +105,35 @@ def read_command(content: bytes) -> Command:
     )
 
 
-def _order(told: Any) -> ToolOrder:
-    (seconds,) = _numbers("seconds", [told.seconds])
-    if told.act not in _ACTS[1:]:
-        raise MessageError(f"tool: unknown act {told.act!r}", choices=_ACTS[1:])
-    if not told.name or seconds < 0.0:
+def _order(message: Any) -> ToolOrder:
+    (seconds,) = _numbers("seconds", [message.seconds])
+    if message.act not in _ACTS[1:]:
+        raise MessageError(f"tool: unknown act {message.act!r}", choices=_ACTS[1:])
+    if not message.name or seconds < 0.0:
         raise MessageError("tool: an order has a name and takes time")
-    return ToolOrder(told.name, told.act, float(seconds), told.object)
+    return ToolOrder(message.name, message.act, float(seconds), message.object)
 
 
-def _node(told: Any, joints: int) -> ClearedNode:
-    waypoints = _numbers("waypoints", told.waypoints)
-    seconds = _numbers("seconds", told.seconds)
+def _node(message: Any, joints: int) -> ClearedNode:
+    waypoints = _numbers("waypoints", message.waypoints)
+    seconds = _numbers("seconds", message.seconds)
     if not len(seconds) or len(waypoints) != joints * len(seconds):
-        raise MessageError(f"node {told.node}: its waypoints are not one for a time")
+        raise MessageError(f"node {message.node}: its waypoints are not one for a time")
     if np.any(np.diff(seconds, prepend=0.0) < 0.0):
-        raise MessageError(f"node {told.node}: its times fall")
-    if told.act not in _ACTS:
-        raise MessageError(f"node {told.node}: unknown act {told.act!r}", choices=_ACTS)
+        raise MessageError(f"node {message.node}: its times fall")
+    if message.act not in _ACTS:
+        raise MessageError(
+            f"node {message.node}: unknown act {message.act!r}", choices=_ACTS
+        )
     return ClearedNode(
-        told.node,
-        told.task,
-        told.kind,
-        told.label,
+        message.node,
+        message.task,
+        message.kind,
+        message.label,
         waypoints.reshape(len(seconds), joints),
         seconds,
-        told.act,
-        told.object,
+        message.act,
+        message.object,
     )
 
 

@@ -14,7 +14,7 @@ from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.operations.executor import OperatedExecutor
 from twin.operations.operation import require_picked, require_rolling
-from twin.operations.person import Says
+from twin.operations.person import AnswerCallback
 from twin.registry import HOOKS
 from twin.runs.folder import run_folder
 from twin.runs.policies import named_policies
@@ -37,7 +37,7 @@ def operate(
     recording: bool = True,
     audit: bool = True,
     audit_engine: str | None = None,
-    says: Says | None = None,
+    answer: AnswerCallback | None = None,
     drivers: PathOrName | None = None,
     page: int | None = None,
     opened: Callable[[str], None] | None = None,
@@ -58,7 +58,7 @@ def operate(
         audit: check the executed motions with independent code.
         audit_engine: collision engine of the audit, pybullet or coal; by default PyBullet where it
             is installed, else coal.
-        says: answers questions to a person before a step is abandoned, in
+        answer: answers questions to a person before a step is abandoned, in
             place of what is drawn; such a run cannot be resumed.
         drivers: file of the drivers that move the robots, in place of the twin.
         page: with drivers, a port of this machine for a page that shows the run next to the cell,
@@ -91,10 +91,12 @@ def operate(
         made = plan_scenario(case, progress=progress, keep=True)
         if failures is not None:
             made = replace(made, scenario=with_failures(case, made.tpg, failures))
-        operated: AbstractContextManager[Executor] = nullcontext(OperatedExecutor(says))
+        operated: AbstractContextManager[Executor] = nullcontext(
+            OperatedExecutor(answer)
+        )
         if driven is not None:
             operated = driven.executor(
-                made.scenario, folder, says=says, page=page, opened=opened
+                made.scenario, folder, answer=answer, page=page, opened=opened
             )
         with operated as executor:
             return run_plan_to_folder(
@@ -135,7 +137,7 @@ def require_operable(
                 p for p, own in named_policies().items() if own[1] == "asynchronous"
             ]
             raise RequestError(
-                f"policy {name!r} cannot be planned anew while it is executed",
+                f"policy {name!r} cannot be replanned during its execution",
                 choices=tuple(could),
             )
     for variant in variants:

@@ -38,8 +38,8 @@ def operate(
             min=0,
             max=1,
             metavar="P",
-            help="Probability that an attempt at any skill fails, of which a fifth loses"
-            " what is handled, where the scenario says nothing of that skill.",
+            help="Probability that an attempt at any skill fails, a fifth of which "
+            "lose the object; for skills without a rate in the scenario.",
         ),
     ] = None,
     recording: Recording = True,
@@ -47,7 +47,9 @@ def operate(
     audit_engine: AuditEngine = None,
     drivers: Annotated[
         Path | None,
-        typer.Option(help="File that says who moves the robots, in place of the twin."),
+        typer.Option(
+            help="File with the driver of each robot, in place of simulated robots."
+        ),
     ] = None,
     page: Annotated[
         int | None,
@@ -55,9 +57,9 @@ def operate(
             min=0,
             max=65_535,
             metavar="PORT",
-            help="With drivers, a port of this machine at which a page shows what goes on"
-            " to who stands beside the cell, with buttons, and with what is asked by"
-            " recovery.ask; 0 for any port that is free.",
+            help="With drivers, port of a page on this machine for people at the "
+            "cell: state of the run, buttons, and the questions of "
+            "recovery.ask; 0 for any free port.",
         ),
     ] = None,
     seed: Seed = None,
@@ -65,7 +67,8 @@ def operate(
         int | None,
         typer.Option(
             min=0,
-            help="Most shortcuts tried on the first plan, in place of the scenario's.",
+            help="Maximum number of shortcuts tried on the first plan, in place of "
+            "the scenario's.",
         ),
     ] = None,
     robots: TeamSize = None,
@@ -74,18 +77,18 @@ def operate(
         bool,
         typer.Option(
             "--ask",
-            help="Ask at the keyboard before anything is given up, or on the page where"
-            " there is one; time in a simulation stands meanwhile, and the run cannot be"
-            " resumed.",
+            help="Ask at the keyboard, or on the page if there is one, before a "
+            "step is abandoned; simulated time stops meanwhile, and the run "
+            "cannot be resumed.",
         ),
     ] = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Operate a cell in the twin: what fails is planned anew while the others go on.
+    """Operate a cell in the twin: after failures the rest is replanned while the other robots continue.
 
-    A skill that fails for good is done again with what is left, by another robot or with another object of
-    its kind; what nobody can do any more is given up with all that rests on it, and the rest goes on.
+    A skill that fails for good is retried, by another robot or with another object of its kind; infeasible
+    steps are abandoned with all dependent ones, and the rest continues.
     """
     from twin.api.runs import released
     from twin.host.progress import report_nothing
@@ -115,7 +118,7 @@ def operate(
             recording=recording,
             audit=audit,
             audit_engine=audit_engine,
-            says=_answer if asks_here else None,
+            answer=_answer if asks_here else None,
             drivers=drivers,
             page=page,
             opened=opened,

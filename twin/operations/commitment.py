@@ -93,7 +93,7 @@ def cut_at(
     trigger: ReplanTrigger,
     *,
     steps: bool = True,
-    go_on: Sequence[float] = (),
+    continue_s: Sequence[float] = (),
 ) -> Counts:
     """Return the number of committed nodes of each chain at a trigger, see ``cut_after``."""
     index = tpg.chain_index
@@ -102,12 +102,12 @@ def cut_at(
         (index[robot], trigger.released[index[robot]])
         for robot in sorted(trigger.out & index.keys())
     ]
-    return cut_after(tpg, trigger.released, never, steps=steps, go_on=go_on)
+    return cut_after(tpg, trigger.released, never, steps=steps, continue_s=continue_s)
 
 
 def executable_lengths(tpg: TemporalPlanGraph, trigger: ReplanTrigger) -> Counts:
     """Return the number of nodes of each chain that can be executed without a new plan."""
-    return cut_at(tpg, trigger, go_on=[math.inf] * len(tpg.chains))
+    return cut_at(tpg, trigger, continue_s=[math.inf] * len(tpg.chains))
 
 
 @dataclass(frozen=True)
@@ -116,23 +116,23 @@ class CutPolicy:
 
     Attributes:
         steps: whether robots bring their steps to an end before it; their tasks only otherwise.
-        aside: whether every robot first finishes its task, goes HOME and returns.
-        going: whether robots continue the old plan during replanning.
+        evade: whether every robot first finishes its task, goes HOME and returns.
+        continuing: whether robots continue the old plan during replanning.
     """
 
     steps: bool = False
-    aside: bool = False
-    going: bool = False
+    evade: bool = False
+    continuing: bool = False
 
     def counts(
         self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, planning_s: float
     ) -> Counts:
         """Return the number of committed nodes of each chain, given the planning time [s]."""
-        clock, go_on = trigger.clock, list[float]()
-        if self.going and clock is not None:
+        clock, continue_s = trigger.clock, list[float]()
+        if self.continuing and clock is not None:
             left = map(clock.left_s, tpg.chains, count(), trigger.released)
-            go_on = [planning_s - seconds for seconds in left]
-        return cut_at(tpg, trigger, steps=self.steps, go_on=go_on)
+            continue_s = [planning_s - seconds for seconds in left]
+        return cut_at(tpg, trigger, steps=self.steps, continue_s=continue_s)
 
 
 @dataclass(frozen=True)

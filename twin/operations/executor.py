@@ -10,7 +10,7 @@ from typing import Any
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from twin.engine.execution import Ports
 from twin.operations.operation import operate
-from twin.operations.person import Says
+from twin.operations.person import AnswerCallback
 from twin.recorders.observers import Recorder
 from twin.runs.folder import FIRST, VERSIONS
 from twin.runs.header import RunHeader
@@ -28,10 +28,10 @@ class OperatedExecutor:
     """Executes plans in the simulation, and replans after failures.
 
     Attributes:
-        says: answers for a person; see twin.operate.
+        answer: answers for a person; see twin.operate.
     """
 
-    says: Says | None = None
+    answer: AnswerCallback | None = None
 
     @classmethod
     def of(cls, header: RunHeader, folder: Path) -> OperatedExecutor:
@@ -46,7 +46,7 @@ class OperatedExecutor:
     @property
     def entries(self) -> Mapping[str, Any]:
         """Entries of a run's header that identify its executor."""
-        return {"operated": True, "answered": self.says is not None}
+        return {"operated": True, "answered": self.answer is not None}
 
     def execute(
         self,
@@ -56,7 +56,7 @@ class OperatedExecutor:
         _sync: Callable[[], None],
     ) -> Executed:
         """Execute a plan; see Executor."""
-        return operate_plan(plan, folder, recorders, self.says)
+        return operate_plan(plan, folder, recorders, self.answer)
 
     def plan_to_resume(
         self, case: LoadedScenario, folder: Path, _header: RunHeader
@@ -96,7 +96,7 @@ def operate_plan(
     plan: PlanResult,
     folder: Path,
     recorders: Sequence[Recorder],
-    says: Says | None = None,
+    answer: AnswerCallback | None = None,
     ports: Ports | None = None,
 ) -> Executed:
     """Execute a plan and replan after failures; each revision is saved in the folder.
@@ -105,7 +105,7 @@ def operate_plan(
         plan: plan to execute.
         folder: of the run.
         recorders: receive every event, then are closed.
-        says: answers for a person.
+        answer: answers for a person.
         ports: robots and audience, where drivers move the robots; None for a simulation.
     """
     scenario, base = plan.scenario.sections, plan.scenario.folder
@@ -120,7 +120,7 @@ def operate_plan(
         model,
         seed=scenario.seed,
         recorders=recorders,
-        says=says,
+        answer=answer,
         ports=ports,
         keep=lambda number, tpg: save_plan(tpg, folder / VERSIONS / str(number)),
     )

@@ -48,7 +48,7 @@ _NO_PROCESS = (
 )
 
 
-class Fate(StrEnum):
+class ObjectOutcome(StrEnum):
     """Outcome for the object of a failed skill; the value is its text."""
 
     LOST = "is lost"
@@ -82,7 +82,7 @@ class FailureTriage:
             changes.append(change)
             self.ledger.tries[task.step, task.kind] += not failure.missing
             often = self.ledger.tries[task.step, task.kind]
-            if often > self.section.recovery.again and not self._sees_to(task):
+            if often > self.section.recovery.again and not self._requests_repair(task):
                 self.ledger.give_up(task.step, f"{task.label} failed {often} times")
                 reopened[task.step] = frozenset({task.robot})
                 words.append(f"step {task.step} is given up")
@@ -95,7 +95,9 @@ class FailureTriage:
                 self.ledger.give_up(task.step, f"{task.object} is scrapped")
                 reopened[task.step] = frozenset({task.robot})
                 words.append(f"step {task.step} is given up: {task.object} is scrapped")
-            elif then == "rework" and (before := self._worked_at(tpg, trigger, task)):
+            elif then == "rework" and (
+                before := self._processes_at(tpg, trigger, task)
+            ):
                 reopened |= {work.step: frozenset[str]() for work in before}
                 reopened[task.step] = frozenset({task.robot})
                 *most, last = [work.label for work in before]
@@ -105,7 +107,7 @@ class FailureTriage:
                 words.append(f"{task.label} is done again")
         return TriageResult(tuple(words), tuple(changes), reopened)
 
-    def _sees_to(self, task: Task) -> bool:
+    def _requests_repair(self, task: Task) -> bool:
         """Ask a person to fix a repeated failure; return whether that helps."""
         if task.step in self.ledger.undone:
             return False
@@ -120,7 +122,7 @@ class FailureTriage:
         self.ledger.tries[task.step, task.kind] = 0
         return True
 
-    def _worked_at(
+    def _processes_at(
         self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, task: Task
     ) -> list[Task]:
         """Return the processes done to a part at its place before another one, in order of steps.
@@ -147,16 +149,16 @@ class FailureTriage:
         said = self.section.failures.get(task.kind)
         return "again" if said is None else said.then
 
-    def _fate(self, task: Task, *, held: bool) -> Fate:
+    def _object_outcome(self, task: Task, *, held: bool) -> ObjectOutcome:
         """Return the outcome for the object of a failed skill."""
         said = self.section.failures.get(task.kind)
         if said is None:
-            return Fate.LOST
+            return ObjectOutcome.LOST
         drawn = self._draw(task, "fate")
         if drawn < (said.slips if held else said.wrong):
-            return Fate.SLIPPED if held else Fate.WRONG
+            return ObjectOutcome.SLIPPED if held else ObjectOutcome.WRONG
         beside = not held and drawn < said.wrong + said.beside
-        return Fate.BESIDE if beside else Fate.LOST
+        return ObjectOutcome.BESIDE if beside else ObjectOutcome.LOST
 
     def _draw(self, task: Task, what: str, index: int = 0) -> float:
         """Return the uniform draw in [0, 1) for the failure of a task."""
@@ -178,8 +180,10 @@ class FailureTriage:
         offset = self.section.failures[task.kind].offset
         far, around, turned = (self._draw(task, "offset", k) for k in range(3))
         angle = 2.0 * np.pi * around
-        way = offset.m * np.sqrt(far) * np.array([np.cos(angle), np.sin(angle)])
-        pose = offset_on_surface(lay, way, offset.rad * (2.0 * turned - 1.0))
+        displacement = (
+            offset.m * np.sqrt(far) * np.array([np.cos(angle), np.sin(angle)])
+        )
+        pose = offset_on_surface(lay, displacement, offset.rad * (2.0 * turned - 1.0))
         found = Handling(name, 1, None, pose)
         who = tpg.chains[failure.chain].robot
         committed = committed_subgraph(tpg, cut_at(tpg, trigger))
@@ -204,26 +208,26 @@ class FailureTriage:
         if name is None or task.kind not in TaskKind.HANDLING:
             return (), ""
         if failure.missing:
-            self.ledger.shunned.add(self.ledger.lost(name))
+            self.ledger.unpickable.add(self.ledger.lost(name))
             return (), ""
         # The held object does not change until its robot continues.
         state = world_state_after(tpg, cut_at(tpg, trigger, steps=False))
         at = state.attachments.get(name)
         if not failure.lost or at is None:
             if task.kind == "pick":
-                self.ledger.shunned.add(self.ledger.lost(name))
+                self.ledger.unpickable.add(self.ledger.lost(name))
             return (), ""
-        fate = self._fate(task, held=at.holder is not None)
+        fate = self._object_outcome(task, held=at.holder is not None)
         words = fate.value
-        if fate is Fate.BESIDE:
+        if fate is ObjectOutcome.BESIDE:
             if found := self._found(tpg, trigger, failure, task):
                 self.ledger.measured[name] = found.pose
-                return (found,), _beside_words(at.pose, found.pose)
+                return (found,), _displacement_text(at.pose, found.pose)
             words = f"{words}, where nobody can pick it"
         self.ledger.gone.add(self.ledger.lost(name))
         # A station presents the next one, whatever has become of this one.
-        coming = () if at.holder else _brought(task)
-        if fate is not Fate.LOST and not coming:
+        coming = () if at.holder else _appearing_objects(task)
+        if fate is not ObjectOutcome.LOST and not coming:
             return (), words  # it is still where it was
         if at.holder is None:
             return (Handling(name, 1, Handling.GONE, at.pose), *coming), words
@@ -234,19 +238,19 @@ class FailureTriage:
         ), words
 
 
-def _brought(task: Task) -> tuple[Handling, ...]:
+def _appearing_objects(task: Task) -> tuple[Handling, ...]:
     """Return the objects that appear once an object has been picked."""
     return tuple(
         replace(h, waypoint=1) for h in task.handlings if h.object != task.object
     )
 
 
-def _beside_words(said: Transform, found: Transform) -> str:
+def _displacement_text(said: Transform, found: Transform) -> str:
     """Return the displacement of a part from its place, as text."""
     mm = 1e3 * float(np.linalg.norm(found[:3, 3] - said[:3, 3]))
     turn = found[:3, :3] @ said[:3, :3].T
     deg = float(np.degrees(abs(np.arctan2(turn[1, 0], turn[0, 0]))))
-    return f"{Fate.BESIDE}, {mm:.1f} mm and {deg:.1f} degrees off, and is picked there"
+    return f"{ObjectOutcome.BESIDE}, {mm:.1f} mm and {deg:.1f} degrees off, and is picked there"
 
 
 def request_replacement(

@@ -22,7 +22,7 @@ class LedgerEntries:
         given_up: abandoned steps, by number, with the reason.
         dropped: steps that are not wanted any more, or rest on one, by number, with the reason.
         gone: objects that are lost.
-        shunned: objects that could not be picked, and are only tried again where there are no others.
+        unpickable: objects that could not be picked, and are only tried again where there are no others.
         closed: why no further steps are planned, as the next one is infeasible; empty if some may be.
         more: products that have been ordered since the beginning.
         tries: how often all attempts at a skill of a step have failed.
@@ -34,7 +34,7 @@ class LedgerEntries:
     given_up: Mapping[int, str]
     dropped: Mapping[int, str]
     gone: AbstractSet[str]
-    shunned: AbstractSet[str]
+    unpickable: AbstractSet[str]
     closed: str
     more: int
     tries: Mapping[tuple[int, str], int]
@@ -94,7 +94,7 @@ class OperationLedger(LedgerEntries):
     given_up: Mapping[int, str] = field(default_factory=dict)
     dropped: Mapping[int, str] = field(default_factory=dict)
     gone: frozenset[str] = frozenset()
-    shunned: frozenset[str] = frozenset()
+    unpickable: frozenset[str] = frozenset()
     closed: str = ""
     more: int = 0
     tries: Mapping[tuple[int, str], int] = field(default_factory=dict)
@@ -108,7 +108,7 @@ class OperationLedger(LedgerEntries):
             dict(self.given_up),
             dict(self.dropped),
             set(self.gone),
-            set(self.shunned),
+            set(self.unpickable),
             self.closed,
             self.more,
             Counter(self.tries),
@@ -125,7 +125,7 @@ class LedgerDraft(LedgerEntries):
     given_up: dict[int, str]
     dropped: dict[int, str]
     gone: set[str]
-    shunned: set[str]
+    unpickable: set[str]
     closed: str
     more: int
     tries: Counter[tuple[int, str]]
@@ -139,7 +139,7 @@ class LedgerDraft(LedgerEntries):
             dict(self.given_up),
             dict(self.dropped),
             frozenset(self.gone),
-            frozenset(self.shunned),
+            frozenset(self.unpickable),
             self.closed,
             self.more,
             Counter(self.tries),
@@ -175,9 +175,9 @@ class LedgerDraft(LedgerEntries):
             whole: all steps about the same object.
         """
         undone = next((k for k in whole if k in self.undone), None)
-        told = self.dropped if undone in self.dropped else self.given_up
+        reasons = self.dropped if undone in self.dropped else self.given_up
         for step in sorted(set(steps) - self.undone) if undone else ():
-            told[step] = f"step {undone} is not done"
+            reasons[step] = f"step {undone} is not done"
 
     def falls(self) -> bool:
         """Record dependents of steps that will not be done; return whether there are any."""
@@ -199,8 +199,8 @@ class LedgerDraft(LedgerEntries):
             todo += sorted(more)
             seen |= more
 
-    def takes_what_is_there(self) -> bool:
+    def retry_unpicked_objects(self) -> bool:
         """Retry objects that could not be picked before; return whether there are any."""
-        there = bool(self.shunned)
-        self.shunned.clear()
+        there = bool(self.unpickable)
+        self.unpickable.clear()
         return there

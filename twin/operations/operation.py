@@ -28,7 +28,7 @@ from twin.engine.execution_model import ExecutionModel
 from twin.engine.model_holds import with_model_holds
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.operations.commitment import CutPolicy, PlanRevision
-from twin.operations.person import Ask, Person, Says
+from twin.operations.person import AnswerCallback, Ask, Person
 from twin.operations.planner import Planner
 from twin.operations.recovery import Recovery
 from twin.operations.replanner import Keep, RollingReplanner
@@ -116,7 +116,7 @@ def operate(
     replication: int = 0,
     recorders: Sequence[Recorder] = (),
     halting: bool = False,
-    says: Says | None = None,
+    answer: AnswerCallback | None = None,
     held: TemporalPlanGraph | None = None,
     ports: Ports | None = None,
     keep: Keep | None = None,
@@ -131,7 +131,7 @@ def operate(
         seed, replication: name the random draws.
         recorders: receive every event, then are closed.
         halting: baseline: all robots stop after the current task during replanning, and go HOME first.
-        says: answers for the person, in place of drawn ones; a person is then asked even if the
+        answer: answers for the person, in place of drawn ones; a person is then asked even if the
             scenario has none.
         held: the plan with edges that hold back tasks for time windows, where known.
         ports: robots and audience, where the run is not a simulation.
@@ -157,11 +157,11 @@ def operate(
     late = scenario.execution.late
     require_picked(motions, [item.part for item in late])
     first, plan = len(tpg.chains), tpg
-    tpg = _with_late(tpg, [item.part for item in late])
+    tpg = _with_late_deliveries(tpg, [item.part for item in late])
     if late and keep is not None:
         keep(1, tpg)
-    asked = scenario.execution.recovery.ask or (AskSection() if says else None)
-    person = Person(asked, seed, replication, says)
+    asked = scenario.execution.recovery.ask or (AskSection() if answer else None)
+    person = Person(asked, seed, replication, answer)
     planner: Planner[Any]
     if scenario.assembly.kind in RECOVERIES:
         recovery = RECOVERIES.load(scenario.assembly.kind)
@@ -169,7 +169,7 @@ def operate(
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)
         if halting:
-            planner.cuts = ((CutPolicy(aside=True),),)
+            planner.cuts = ((CutPolicy(evade=True),),)
 
     def hold(graph: TemporalPlanGraph) -> TemporalPlanGraph:
         return held if held and graph is plan else with_model_holds(graph, model)
@@ -178,7 +178,7 @@ def operate(
         RollingReplanner,
         planner=planner,
         hold=hold,
-        far=not scenario.execution.may_be_planned_anew(),
+        far=not scenario.execution.may_be_replanned(),
         halting=halting,
         keep=keep,
     )
@@ -199,7 +199,7 @@ def operate(
         supply.schedule(first + k, round(item.at_s * NANOSECONDS))
     outcome = cell.execute()
     idle = (k for k, chain in enumerate(cell.tpg.chains) if not len(chain))
-    unused = {*supply.coming, *idle}
+    unused = {*supply.arriving, *idle}
 
     def used(rows: Iterable[T]) -> tuple[T, ...]:
         return tuple(row for k, row in enumerate(rows) if k not in unused)
@@ -295,7 +295,9 @@ def require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:
             raise RequestError(words)
 
 
-def _with_late(tpg: TemporalPlanGraph, late: Sequence[str]) -> TemporalPlanGraph:
+def _with_late_deliveries(
+    tpg: TemporalPlanGraph, late: Sequence[str]
+) -> TemporalPlanGraph:
     """Return a graph with late parts, each delivered by a machine of its own."""
     if not late:
         return tpg
@@ -317,6 +319,6 @@ def require_rolling(scenario: Scenario) -> None:
     """
     if (policy := scenario.execution.policy) != "asynchronous":
         raise RequestError(
-            f"policy {policy!r}: only asynchronous execution can be planned anew",
+            f"policy {policy!r}: only asynchronous execution can be replanned",
             choices=("asynchronous",),
         )

@@ -24,6 +24,9 @@ PERSON = "person"
 AGAIN = 2**32
 """Offset added to the step or task number in draw keys for each retry or further question."""
 
+AnswerCallback = Callable[["Question"], bool]
+"""Returns whether a person helps, given a question; raises ``UnansweredError`` until it is answered."""
+
 
 @dataclass(frozen=True)
 class Question:
@@ -46,10 +49,6 @@ class Question:
     def __str__(self) -> str:
         """Return the question, for people."""
         return self.words
-
-
-Says = Callable[[Question], bool]
-"""Returns whether a person helps, given a question; raises ``UnansweredError`` until it is answered."""
 
 
 class UnansweredError(Exception):
@@ -102,13 +101,13 @@ class Person:
     Attributes:
         section: duration and chance of success of help; None without a person.
         seed, replication: name the random draws.
-        says: answers in place of drawn ones; called once per question, however often plans are made.
+        answer: answers in place of drawn ones; called once per question, however often plans are made.
     """
 
     section: AskSection | None
     seed: int
     replication: int = 0
-    says: Says | None = None
+    answer: AnswerCallback | None = None
     _said: dict[Question, bool] = field(default_factory=dict)
 
     def asked(
@@ -139,9 +138,9 @@ class Person:
             numbers = iter(range(1, len(names) + 2))
             fresh = next(f for k in numbers if (f := f"{name}.{k}") not in names)
             label = f"bring {fresh}"
-        if self.says is not None:
+        if self.answer is not None:
             if question not in self._said:
-                self._said[question] = self.says(question)
+                self._said[question] = self.answer(question)
             helps = self._said[question]
         return Ask(step, question.words, label, float(taken_s[0]), helps, name, fresh)
 

@@ -37,6 +37,8 @@ _Skill = tuple[int, str]
 Extension = tuple[TemporalPlanGraph, TemporalPlanGraph, CommittedPrefix]
 """An extended graph, its new part, and the committed prefix."""
 
+State = TypeVar("State", bound="RecoveryState")
+
 
 @dataclass(frozen=True)
 class TaskSeeds:
@@ -97,9 +99,6 @@ class RecoveryState:
     seeds: TaskSeeds
     ledger: OperationLedger
     measure: RevisionMeasure | None = field(default=None, kw_only=True)
-
-
-State = TypeVar("State", bound=RecoveryState)
 
 
 class Planner(ABC, Generic[State]):

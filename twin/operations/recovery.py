@@ -49,7 +49,7 @@ from twin.operations.recovery_draft import AssemblyState, Draft, PlanningContext
 from twin.operations.step_window import StepWindow
 from twin.scenario.sections.scenario import Scenario
 
-_AS_PLANNED = ((CutPolicy(steps=True),), (CutPolicy(aside=True),))
+_AS_PLANNED = ((CutPolicy(steps=True),), (CutPolicy(evade=True),))
 """Where a plan is cut in which nothing has happened but that more steps come next."""
 
 
@@ -101,7 +101,7 @@ class Recovery(Planner[AssemblyState]):
     measured: InitVar[Poses] = MappingProxyType({})
     undone: InitVar[Mapping[int, str]] = MappingProxyType({})
     cuts: tuple[tuple[CutPolicy, ...], ...] = (
-        (CutPolicy(), CutPolicy(going=True), CutPolicy(aside=True)),
+        (CutPolicy(), CutPolicy(continuing=True), CutPolicy(evade=True)),
         (CutPolicy(steps=True),),
     )
 
@@ -232,11 +232,11 @@ class Recovery(Planner[AssemblyState]):
         planning_s = self.scenario.execution.recovery.planning_s
         for cuts in self._cuts(tpg, trigger):
             stuck = False
-            for counts, aside in cuts:
+            for counts, evade in cuts:
                 at = committed_at(tpg, counts, trigger, triage)
                 attempt = self._draft(before, motions, draft.reach)
                 try:
-                    union, new = attempt.onward(at, aside=aside)
+                    union, new = attempt.onward(at, evade=evade)
                 except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
                     why = str(error)
                 else:
@@ -262,7 +262,7 @@ class Recovery(Planner[AssemblyState]):
         planning_s = self.scenario.execution.recovery.planning_s
         tried = set[tuple[Counts, bool]]()
         for policies in _AS_PLANNED if trigger.due else self.cuts:
-            cuts = [(p.counts(tpg, trigger, planning_s), p.aside) for p in policies]
+            cuts = [(p.counts(tpg, trigger, planning_s), p.evade) for p in policies]
             yield [cut for cut in dict.fromkeys(cuts) if cut not in tried]
             tried.update(cuts)
 

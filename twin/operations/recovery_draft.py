@@ -154,26 +154,26 @@ class Draft:
             self.steps,
             self.past,
             frozenset(complete),
-            frozenset(self.ledger.gone | self.ledger.shunned) | at.out,
+            frozenset(self.ledger.gone | self.ledger.unpickable) | at.out,
             len(at.committed.tasks),
             at.ago,
         )
 
     def onward(
-        self, at: CommittedPrefix, *, aside: bool
+        self, at: CommittedPrefix, *, evade: bool
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
         """Return the extended graph and its new part; infeasible steps are abandoned."""
-        watch, goes_aside = StageWatch(), frozenset[str]()
+        watch, evading = StageWatch(), frozenset[str]()
         emptied: dict[int, frozenset[str]] = {}
         machines = {item.name for item in self.cell.machines}
-        if aside:
-            goes_aside = (
+        if evade:
+            evading = (
                 robots_with_unfinished_steps(unfinished_steps(self._world(at), {}))
                 - at.out
                 - machines
             )
         while True:
-            self._look_at_what_is_ordered()
+            self._extend_to_orders()
             world = self._world(at)
             reopened = {
                 **at.triage.reopened,
@@ -188,20 +188,20 @@ class Draft:
             for step in given_up & world.begun().keys():
                 reopened.setdefault(step, frozenset())
             now = ReplanningState(
-                world, self.task_plan, reopened, given_up, aside=goes_aside
+                world, self.task_plan, reopened, given_up, evading=evading
             )
             work, undoable = find_infeasible_steps(self.work, now, self.cell)
             if not self.context.elsewhere.keep(work, self.ledger.measured):
                 self.motions = replace(self.motions, work=work)
             if undoable:
-                there = self.ledger.takes_what_is_there()
+                there = self.ledger.retry_unpicked_objects()
                 asked = not there and any(
                     self._asks_for(step, why, now) for step, why in undoable.items()
                 )
                 if not there and not asked:
                     for step, why in undoable.items():
                         self.ledger.give_up(step, why)
-                    self._look_no_further(undoable)
+                    self._end_before_infeasible(undoable)
                 continue
             try:
                 onward, tpg = plan_from(
@@ -223,9 +223,9 @@ class Draft:
                         - world.out
                         - machines
                     )
-                if others - goes_aside:
-                    goes_aside |= others
-                elif not self.ledger.takes_what_is_there():
+                if others - evading:
+                    evading |= others
+                elif not self.ledger.retry_unpicked_objects():
                     why_not = find_blocked_step(self.cell, self.work.problem, now)
                     if why_not and why_not.robot and why_not.later not in emptied:
                         emptied[why_not.later] = self._emptied(world, why_not.robot)
@@ -261,7 +261,7 @@ class Draft:
         about = self.ledger, self.context.person, self.cell
         return request_replacement(*about, step, name, why)
 
-    def _look_at_what_is_ordered(self) -> None:
+    def _extend_to_orders(self) -> None:
         """Extend the planned steps to the number of ordered products, replacing failed ones."""
         ledger, motions = self.ledger, self.motions
         assert motions.work is not None
@@ -272,7 +272,7 @@ class Draft:
         if count != len(motions.work.problem.steps):
             self.motions = self.context.window.of_first(motions, count)
 
-    def _look_no_further(self, infeasible: Mapping[int, str]) -> None:
+    def _end_before_infeasible(self, infeasible: Mapping[int, str]) -> None:
         """End the assembly before an infeasible step of the window."""
         planned = len(self.task_plan.choices)
         if new := [step for step in infeasible if step > planned]:

@@ -112,7 +112,7 @@ class RunRemainder:
         nobody = Person(None, scenario.seed)
         if (kind := scenario.assembly.kind) in RECOVERIES:
             planner: Planner[Any] = RECOVERIES.load(kind)(
-                scenario, motions, tpg, _nobody_draws, nobody, gone, steps=False
+                scenario, motions, tpg, _no_draws, nobody, gone, steps=False
             )
             return planner
         measured = {
@@ -126,27 +126,27 @@ class RunRemainder:
         assert motions.work is not None
         _require_tried_once(tpg, world)
         work = MeasuredWork().find(motions.work, measured) or motions.work
-        work = _with_what_was_used(work, world.begun())
+        work = _with_used_objects(work, world.begun())
         known = {k: own for k, own in world.begun().items() if k not in self.undone}
         chosen = _choices_of(work, motions.task_plan, known)
         return Recovery(
             _with_shortcuts(scenario),
             replace(motions, task_plan=chosen, work=work),
             tpg,
-            _nobody_draws,
+            _no_draws,
             nobody,
             gone,
             measured,
             self.undone,
-            cuts=((CutPolicy(),), (CutPolicy(aside=True),)),
+            cuts=((CutPolicy(),), (CutPolicy(evade=True),)),
         )
 
 
 def _done_steps(world: World) -> Iterator[int]:
     """Yield the steps that are done except for final transits."""
     for number, step in sorted(world.begun().items()):
-        ways = (TaskKind.TRANSIT, TaskKind.STRAIGHT, *TaskKind.SUPPLY)
-        skills = {task.index for task in step.tasks if task.kind not in ways}
+        transit_kinds = (TaskKind.TRANSIT, TaskKind.STRAIGHT, *TaskKind.SUPPLY)
+        skills = {task.index for task in step.tasks if task.kind not in transit_kinds}
         if skills <= world.complete:
             yield number
 
@@ -192,7 +192,7 @@ def _require_whole(
     if steps := [
         f"step {k}: {why}" for k, why in sorted(given_up.items()) if k not in known
     ]:
-        raise RequestError("not all can go on from there: " + "; ".join(steps))
+        raise RequestError("not all steps can be done from there: " + "; ".join(steps))
     for task in new.tasks[len(at.committed.tasks) :]:
         if task.kind == TaskKind.TAKEN_OUT and task.robot != REMOVAL:
             raise RequestError(
@@ -207,13 +207,11 @@ def _with_shortcuts(scenario: Scenario) -> Scenario:
     return scenario.changed(execution=own.changed(recovery=recovery))
 
 
-def _nobody_draws(
-    _graph: TemporalPlanGraph, _names: Mapping[int, TaskName]
-) -> NodeTimes:
+def _no_draws(_graph: TemporalPlanGraph, _names: Mapping[int, TaskName]) -> NodeTimes:
     raise AssertionError("a plan is made and not executed")
 
 
-def _with_what_was_used(work: Assembly, begun: Mapping[int, StepTasks]) -> Assembly:
+def _with_used_objects(work: Assembly, begun: Mapping[int, StepTasks]) -> Assembly:
     """Return the work with the spare objects used so far."""
     for number, step in sorted(begun.items()):
         known = {item.object for item in work.problem.primaries if item.step == number}

@@ -159,7 +159,7 @@ class RollingReplanner(Replanner):
         """Return the number of external events that can still occur."""
         unknown, supply = 0, self._cell.supply
         if isinstance(supply, LateSupply):
-            unknown = len({*supply.coming.values()} - supply.missed)
+            unknown = len({*supply.arriving.values()} - supply.missed)
         return len(self._team - self._out) + self._to_come + unknown
 
     # Robots
@@ -243,7 +243,7 @@ class RollingReplanner(Replanner):
     def _plan(self) -> Steps:
         cell = self._cell
         # After all that happens at this time.
-        yield cell.at_the_end_of_now(_AFTER_ALL)
+        yield cell.end_of_instant(_AFTER_ALL)
         while self._again:
             self._again = False
             state, version = yield from self._version()
@@ -259,7 +259,7 @@ class RollingReplanner(Replanner):
             self._set_limits()
         revised, self._revised = self._revised, cell.env.event()
         revised.succeed()
-        cell.dispatch_again()
+        cell.redispatch()
         self._plan_more()
 
     def _version(self) -> Generator[simpy.Event, Any, tuple[Any, PlanRevision]]:
@@ -281,7 +281,7 @@ class RollingReplanner(Replanner):
     def _trigger(self) -> ReplanTrigger:
         """Return the replan trigger of now."""
         cell = self._cell
-        coming = {} if cell.supply is None else cell.supply.coming
+        coming = {} if cell.supply is None else cell.supply.arriving
         opened = window_opening_times(
             cell.tpg, np.array([t for own in cell.end for t in own])
         )

@@ -77,11 +77,11 @@ def cut_run(
 
 def _undone(run: RunResult) -> dict[int, str]:
     """Return the abandoned or dropped steps of a run, by number, with the reason."""
-    told = run.summary.get("operation") or {}
+    operation = run.summary.get("operation") or {}
     return {
         int(step): str(why)
         for key in ("given_up", "dropped")
-        for step, why in told.get(key, {}).items()
+        for step, why in operation.get(key, {}).items()
     }
 
 

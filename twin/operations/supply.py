@@ -21,9 +21,9 @@ class LateSupply(SupplyPort):
 
     def __init__(self, execution: Execution) -> None:
         self._cell = execution
-        self.coming: dict[int, str] = {}
+        self.arriving: dict[int, str] = {}
         self.missed: set[str] = set()
-        execution.gates.append(lambda chain: chain not in self.coming)
+        execution.gates.append(lambda chain: chain not in self.arriving)
 
     def schedule(self, chain: int, at_ns: int) -> None:
         """Schedule the delivery of a machine.
@@ -34,29 +34,29 @@ class LateSupply(SupplyPort):
         """
         cell = self._cell
 
-        def come() -> Steps:
+        def arrive() -> Steps:
             yield cell.env.timeout(at_ns)
-            del self.coming[chain]
-            cell.dispatch_again()
+            del self.arriving[chain]
+            cell.redispatch()
 
-        self.coming[chain] = str(cell.tpg.tasks[cell.task[chain][0]].object)
+        self.arriving[chain] = str(cell.tpg.tasks[cell.task[chain][0]].object)
         self.lift_unknown()
-        cell.env.process(come())
+        cell.env.process(arrive())
 
     def lift_unknown(self) -> None:
         """Remove edges from machines whose object no robot has missed yet."""
         for a, u, b, v in self._cell.tpg.edges.tolist():
-            if a in self.coming and self.coming[a] not in self.missed:
+            if a in self.arriving and self.arriving[a] not in self.missed:
                 self._cell.dispatcher.lift((a, u), (b, v))
 
     def missing(self, chain: int, node: int) -> str | None:
         """Return the object of a skill that begins with a node, if it has not arrived."""
         cell, task = self._cell, self._cell.task[chain]
         begins = node == 0 or task[node - 1] != task[node]
-        if not self.coming or not begins or not cell.tpg.chains[chain].skill[node]:
+        if not self.arriving or not begins or not cell.tpg.chains[chain].skill[node]:
             return None
         name = cell.tpg.tasks[task[node]].object
-        return name if name in self.coming.values() else None
+        return name if name in self.arriving.values() else None
 
     def miss(self, chain: int, node: int) -> bool:
         """Let a skill fail for good if its object is missing; return whether it is."""

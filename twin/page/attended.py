@@ -117,7 +117,7 @@ class Attendance(Audience):
                 break
             self._robots.now(self._obey, order)
 
-    def look(self, now_s: float) -> None:
+    def show_progress(self, now_s: float) -> None:
         """Show the progress at the robots' time [s]; called some times a second."""
         robots = self._robots
         for name, link in robots.nodes.links.items():
@@ -245,7 +245,7 @@ class Attendance(Audience):
             return self._cell.wait_cause(chain, node)
         if self._question:
             return "waits for an answer"
-        return "waits for what is planned anew" if self._replanner.planning else ""
+        return "waits for the new plan" if self._replanner.planning else ""
 
 
 def _done(end_ns: Sequence[int]) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 from twin.drivers.drivers_file import read_drivers
 from twin.live.executor import LiveExecutor
 from twin.live.session import Session
-from twin.operations.person import Says
+from twin.operations.person import AnswerCallback
 from twin.page.attended import AttendedSession
 from twin.page.panel import Panel
 from twin.page.server import PageServer
@@ -44,7 +44,7 @@ class DrivenCell:
         case: LoadedScenario,
         folder: Path,
         *,
-        says: Says | None = None,
+        answer: AnswerCallback | None = None,
         page: int | None = None,
         opened: Callable[[str], None] | None = None,
     ) -> Iterator[LiveExecutor]:
@@ -53,20 +53,22 @@ class DrivenCell:
         Args:
             case: scenario to execute.
             folder: of the run.
-            says: answers for a person; by default the page does where ``recovery.ask`` is given.
+            answer: answers for a person; by default the page does where ``recovery.ask`` is given.
             page: port of the page, 0 for any that is free; None for no page.
             opened: receives the address of the page.
         """
         session = replace(self._session, name=folder.name)
         if page is None:
-            yield LiveExecutor(session, says)
+            yield LiveExecutor(session, answer)
             return
         with _page(case, page, folder / EVENTS, opened) as panel:
             attended = AttendedSession(
                 session.name, session.drivers, session.folder, panel=panel
             )
             asks = case.sections.execution.recovery.ask is not None
-            yield LiveExecutor(attended, panel.says if asks and says is None else says)
+            yield LiveExecutor(
+                attended, panel.answer if asks and answer is None else answer
+            )
 
 
 @contextmanager

@@ -162,7 +162,7 @@ class Panel:
         """Update the display; called by the run."""
         self.shown, self.shown_s = shown, time.monotonic()
 
-    def says(self, question: Question) -> bool:
+    def answer(self, question: Question) -> bool:
         """Return the answer to a question; see Person.
 
         Raises:

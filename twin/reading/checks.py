@@ -89,7 +89,7 @@ def _check_tool_speeds(scenario: Scenario) -> Found:
     """Yield tool speed limits in scenarios that plan without limits."""
     if scenario.speed_model == "limits":
         return
-    for i, robot in _unlike_robots(scenario.cell):
+    for i, robot in _distinct_robots(scenario.cell):
         for key in ("tool_speed_m_s", "loaded_tool_speed_m_s"):
             if getattr(robot.limits, key) is not None:
                 yield (
@@ -180,7 +180,7 @@ def _place(cell: CellSection, robot: int, key: str) -> KeyPath:
     return ("cell", "team", key)
 
 
-def _unlike_robots(cell: CellSection) -> Iterator[tuple[int, RobotSection]]:
+def _distinct_robots(cell: CellSection) -> Iterator[tuple[int, RobotSection]]:
     """Yield robots with their numbers, but only one of a team, whose robots are alike."""
     yield from enumerate(cell.robots[: len(cell.listed) + 1])
 
@@ -188,7 +188,7 @@ def _unlike_robots(cell: CellSection) -> Iterator[tuple[int, RobotSection]]:
 def _check_robots(cell: CellSection, folder: Path) -> Found:
     from twin.planning.fitted_robots import fitted_model
 
-    for i, robot in _unlike_robots(cell):
+    for i, robot in _distinct_robots(cell):
         own = robot
         try:
             model = fitted_model(robot, cell.tools, folder)
@@ -276,7 +276,7 @@ def _check_robot_names(scenario: Scenario) -> Found:
         who: KeyPath = ("execution", "outages", i, "robot")
         what = "robot or machine" if works else "robot"
         yield from check_known_name(who, what, item.robot, (*names, *works))
-    for i, name in _again([item.robot for item in outages]):
+    for i, name in _repeated_names([item.robot for item in outages]):
         words = f"{name} is out for good by another entry already: leave one out"
         yield ("execution", "outages", i, "robot"), words
     parts = [name for _, name in assembly_kind(scenario.assembly).names()]
@@ -285,7 +285,7 @@ def _check_robot_names(scenario: Scenario) -> Found:
         yield from check_known_name(
             place, "part", part.part, parts, "there are no parts"
         )
-    for i, name in _again([item.part for item in late]):
+    for i, name in _repeated_names([item.part for item in late]):
         words = f"{name} comes at another time by another entry: leave one out"
         yield ("execution", "late", i, "part"), words
     count = assembly_kind(scenario.assembly).written_out().steps()
@@ -311,7 +311,7 @@ def _spare_products(scenario: Scenario) -> int:
     return whole.products() - assembly_kind(scenario.assembly).products()
 
 
-def _again(names: Sequence[str]) -> Iterator[tuple[int, str]]:
+def _repeated_names(names: Sequence[str]) -> Iterator[tuple[int, str]]:
     """Yield repeated names, each with its place."""
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -373,12 +373,12 @@ def _check_skills(scenario: Scenario) -> Found:
                 yield (key, "deviation"), text
             yield from check_known_name(place, "skill", name, valid)
     things = tuple(scenario.kind.part_names())
-    lie_as_said = scenario.kind.lies_as_given()
+    lie_as_said = scenario.kind.has_given_starts()
     robots = [robot.name for robot in scenario.cell.robots]
     for skill, failure in execution.failures.items():
         at_a_part = skill in TaskKind.HANDLING
         if failure.then != "again" and at_a_part:
-            words = f"{skill} is no process: what has failed is done again, or anew with another object"
+            words = f"{skill} is no process: a failed skill is retried, or restarted with another object"
             yield ("execution", "failures", skill, "then"), f"{words} (valid: again)"
         if failure.wrong > 0.0 and skill != "pick":
             words = f"no wrong part is found in {skill}: leave it out (valid: pick)"

@@ -214,7 +214,7 @@ def log_objects(
         own = rows[item.name]
         seen = {0: not item.later, own[0].t_ns: True}
         if item.later:
-            own = [hidden_until_later(item), *own]
+            own = [hidden_placement(item), *own]
         if own[-1].holder == Handling.GONE:
             *own, last = own
             seen[last.t_ns] = False
@@ -225,7 +225,7 @@ def log_objects(
         place_object(rec, item.name, own)
 
 
-def hidden_until_later(item: CellObject) -> Placement:
+def hidden_placement(item: CellObject) -> Placement:
     """Return placements that hide an object until it arrives.
 
     A frame needs a pose before there is anything in it: the viewer warns of one that has none.
@@ -236,7 +236,7 @@ def hidden_until_later(item: CellObject) -> Placement:
 def draw_object(rec: rr.RecordingStream, item: CellObject) -> None:
     """Draw an object that is there from the start."""
     frame = rr.CoordinateFrame(_frame(item.name))
-    for path, (kind, fields) in _looks(item).items():
+    for path, (kind, fields) in _object_drawing(item).items():
         rec.log(path, frame, kind.from_fields(**fields), static=True)
 
 
@@ -248,7 +248,7 @@ def draw_temporary_object(
 ) -> None:
     """Draw an object that arrives or leaves: visibility from given times [ns] on."""
     count = sum(seen)
-    for path, (kind, fields) in _looks(item).items():
+    for path, (kind, fields) in _object_drawing(item).items():
         columns = [*rr.CoordinateFrame.columns(frame=[_frame(item.name)] * len(t_ns))]
         for name, value in fields.items():
             if isinstance(value, np.ndarray):
@@ -295,7 +295,7 @@ def _mesh_fields(shape: Shape, colour: tuple[int, int, int]) -> dict[str, Any]:
     }
 
 
-def _looks(item: CellObject) -> dict[str, tuple[Any, dict[str, Any]]]:
+def _object_drawing(item: CellObject) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Return the drawing of an object: archetype and field rows by entity."""
     entity = entity_path(entities.OBJECTS, item.name)
     if not item.shape.is_box:

@@ -96,11 +96,11 @@ def camera_looking_at(points: Array, towards: Array) -> tuple[Array, Array]:
     target: Array = 0.5 * (points.min(axis=0) + points.max(axis=0))
     away = _LEAST_M
     for _ in range(8):  # settles to less than a pixel
-        beside = (points - target) @ across.T
+        across_view = (points - target) @ across.T
         depth = (points - target) @ towards
-        needed = np.max(depth[:, None] + np.abs(beside) / tangents)
+        needed = np.max(depth[:, None] + np.abs(across_view) / tangents)
         away = max(float(needed), _LEAST_M)
-        seen = beside / (away - depth)[:, None]
+        seen = across_view / (away - depth)[:, None]
         target = target + away * 0.5 * (seen.min(axis=0) + seen.max(axis=0)) @ across
     return target, target + away * towards
 

@@ -80,7 +80,7 @@ class EventBacklog:
                 sentences.append(f"{event.robot} {waits}")
                 levels.append(_WARNING if long[k] else _QUIET)
             else:
-                taken = self._takes(event)
+                taken = self._is_grasp(event)
                 sentences.append(_sentence(words, event, taken=taken))
                 levels.append(_level(words, event))
         self._events = [self._events[k] for k in sorted(later)]
@@ -99,7 +99,7 @@ class EventBacklog:
             ],
         )
 
-    def _takes(self, event: Event) -> bool:
+    def _is_grasp(self, event: Event) -> bool:
         """Track holders of objects; return whether a robot grasps a free object."""
         if event.kind == "detached":
             self._held.discard(event.object)

@@ -86,15 +86,15 @@ def split_fingers(robot: PlacedRobot, root: Element) -> None:
     for link in root.findall("link"):
         name = str(link.get("name"))
         shown, solid = link.findall("visual"), link.findall("collision")
-        ways = [outwards.get(f"{name}_{k}") for k in range(len(solid))]
-        if not any(ways):
+        signs = [outwards.get(f"{name}_{k}") for k in range(len(solid))]
+        if not any(signs):
             continue
-        if len(set(ways)) == 1:
-            ways = ways[:1] * len(shown)
+        if len(set(signs)) == 1:
+            signs = signs[:1] * len(shown)
         elif len(shown) != len(solid):
             continue
         at = inverse(last_at) @ pose_in_root(name, above, {}, robot.name)
-        for k, (visual, y) in enumerate(zip(shown, ways, strict=True)):
+        for k, (visual, y) in enumerate(zip(shown, signs, strict=True)):
             if y is not None:
                 link.remove(visual)
                 axis = y * at[:3, :3].T @ tip[:3, 1]
@@ -132,7 +132,7 @@ def closing_distance(
     pads = pads_at(robot.model, tip, item.shape, grip)
     if pads is None or pads.off is None:
         return 0.0
-    return 0.5 * sum(max(pad.way or 0.0, 0.0) for pad in pads.sides)
+    return 0.5 * sum(max(pad.travel or 0.0, 0.0) for pad in pads.sides)
 
 
 def finger_motions(

@@ -227,11 +227,11 @@ def log_lanes(
     words: PlanWords,
 ) -> None:
     """Show the activities of each robot and processing machine as a lane, idle at the end."""
-    told = robot_activities(tpg, events)
+    activities = robot_activities(tpg, events)
     index = tpg.chain_index
     names = [robot.name for robot in tpg.cell.robots]
     for name in (*names, *(tpg.chains[k].robot for k in tpg.working_machines())):
-        lane = told.get(name, ())
+        lane = activities.get(name, ())
         said = [(item, _text(words, run, index[name], item)) for item in lane]
         changes = []
         states = {IDLE: IDLE}

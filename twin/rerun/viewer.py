@@ -182,8 +182,8 @@ def _require_display(otherwise: str) -> None:
 
 
 def _program(remark: str = "") -> str:
-    beside = Path(sys.executable).parent / "rerun"
-    program = str(beside) if beside.is_file() else shutil.which("rerun")
+    sibling = Path(sys.executable).parent / "rerun"
+    program = str(sibling) if sibling.is_file() else shutil.which("rerun")
     if program is None:
         raise ViewerError(
             f"the Rerun viewer is not installed (pip install rerun-sdk){remark}"

@@ -91,11 +91,11 @@ def stopped_motion(
     """
     if k >= len(run.commands) or not tpg.chains[k].skill[node]:
         return None
-    told = run.commands[k]
-    row = int(np.searchsorted(told[:, 1], node))
-    if row == len(told) or told[row, 1] != node:
+    command = run.commands[k]
+    row = int(np.searchsorted(command[:, 1], node))
+    if row == len(command) or command[row, 1] != node:
         return None
-    begin, duration = int(told[row, 0]), int(told[row, 2])
+    begin, duration = int(command[row, 0]), int(command[row, 2])
     return stopped_skill(tpg, (k, node), duration, begin, stops_of(run.stops_ns[k]))
 
 
@@ -155,7 +155,7 @@ def _stretch_rows(
     speed, rate = commands[:, 3], commands[:, 4]
     last = _end_of(at[-1], gone[-1], speed[-1], rate[-1], border[-1])
     edges = np.append(at, last)
-    commanded = _Way(edges, gone, speed, rate)
+    commanded = _PathLength(edges, gone, speed, rate)
     path = blended_path(chain, nodes.start, nodes.stop, drive.cruise[nodes])
     t = np.unique(np.rint(np.concatenate([edges, edges + lag, [0.0]])))
     bends = np.zeros(len(t) - 1, dtype=np.bool_)
@@ -180,7 +180,7 @@ def _stretch_rows(
 
 
 def _with_corners(
-    t: Array, commanded: _Way, lag: float, path: BlendedPath
+    t: Array, commanded: _PathLength, lag: float, path: BlendedPath
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Return row times that resolve the corners, and whether the path bends after each.
 
@@ -228,7 +228,7 @@ def _end_of(at: float, gone: float, speed: float, rate: float, length: float) ->
     return float(at + (np.sqrt(speed * speed + 2.0 * rate * left) - speed) / rate)
 
 
-class _Way:
+class _PathLength:
     """Commanded path length over time: quadratic between its edges, at rest before and after.
 
     Args:

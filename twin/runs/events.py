@@ -57,9 +57,6 @@ class EventCode(StrEnum):
     OUT = "out"
 
 
-_CODES = {code.value: code for code in EventCode}
-
-
 @dataclass(frozen=True, slots=True)
 class Event:
     """An event of a run.
@@ -85,7 +82,10 @@ class Event:
     @property
     def code(self) -> EventCode | None:
         """Code of the detail, None where it is text for people."""
-        return _CODES.get(self.detail)
+        try:
+            return EventCode(self.detail)
+        except ValueError:
+            return None
 
     @classmethod
     def parse(cls, line: str) -> Event:

@@ -191,7 +191,7 @@ def print_summary(
     table.add_column(justify="right")
     table.add_column(style="dim")
 
-    def told(what: str, style: str, words: str) -> None:
+    def show_line(what: str, style: str, words: str) -> None:
         text = Text(f"{escape_control_characters(what)}: ").append(
             escape_control_characters(words)
         )
@@ -211,15 +211,15 @@ def print_summary(
         words = (
             f"from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}"
         )
-        told(what, "red", length + words)
+        show_line(what, "red", length + words)
     for fit in summary.get("fits", ()):
-        told(f"step {fit['step']}", "", fit["words"])
+        show_line(f"step {fit['step']}", "", fit["words"])
     for own in summary.get("checks_off", ()):
-        told("check off", "yellow", f"{own['key']}: {own['check']}")
+        show_line("check off", "yellow", f"{own['key']}: {own['check']}")
     for warning in summary.get("warnings", ()):
-        told("warning", "yellow", warning)
+        show_line("warning", "yellow", warning)
     if summary.get("failure"):
-        told("failed", "red", summary["failure"])
+        show_line("failed", "red", summary["failure"])
     console.print(f"results: {folder}", soft_wrap=True)
     if recording:
         console.print(f"replay:  twin replay {folder}", soft_wrap=True)
@@ -234,7 +234,7 @@ def _operation_rows(
     versions = operation["versions"]
     causes = "; ".join(version["cause"] for version in versions[:3])
     more = f"; {len(versions) - 3} more" if len(versions) > 3 else ""
-    rows = [("planned anew", f"{len(versions)} times", causes + more)]
+    rows = [("replanned", f"{len(versions)} times", causes + more)]
     if scrapped := operation.get("scrapped"):
         which = ", ".join(map(str, scrapped[:10])) + (", ..." if scrapped[10:] else "")
         rows.append(("products scrapped", str(len(scrapped)), which))

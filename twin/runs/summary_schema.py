@@ -149,9 +149,6 @@ class RunSummary(TypedDict):
     operation: NotRequired[_Operation]
 
 
-_SUMMARY = TypeAdapter(RunSummary)
-
-
 def require_figures(summary: Mapping[str, Any], path: Path) -> None:
     """Refuse a file that lacks a figure that is printed, or has one of another type.
 
@@ -159,7 +156,7 @@ def require_figures(summary: Mapping[str, Any], path: Path) -> None:
         OutputError: it does.
     """
     try:
-        _SUMMARY.validate_python(summary, strict=True)
+        TypeAdapter(RunSummary).validate_python(summary, strict=True)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))

@@ -238,7 +238,7 @@ def object_placements(
         at = int(tpg.chains[item.robot].first[item.node]) + item.waypoint - 1
         if stopped is not None and item.waypoint > 0:
             own = tpg.chains[item.robot].fraction[at] * stopped.planned[-1]
-            t_ns = round(stopped.when(own) * NANOSECONDS)
+            t_ns = round(stopped.stopped_times(own) * NANOSECONDS)
         else:
             passed = int(run.stood_ns[item.robot][item.node])
             if item.waypoint > 0:

@@ -155,9 +155,9 @@ class Study:
 
 def _bounds(key: str, found: Interval | None) -> dict[str, float | None]:
     """Return an estimate and the bounds of its interval as entries of a row."""
-    told = {} if found is None else found.content()
-    sides = {f"{key}_{side}": told.get(side) for side in ("low", "high")}
-    return {key: told.get("estimate"), **sides}
+    content = {} if found is None else found.content()
+    sides = {f"{key}_{side}": content.get(side) for side in ("low", "high")}
+    return {key: content.get("estimate"), **sides}
 
 
 @checks_arguments

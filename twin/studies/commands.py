@@ -36,14 +36,16 @@ def study(
             "--replications",
             "-n",
             min=1,
-            help="Of every policy and variant; by default until the precision is reached.",
+            help="Replications of every policy and variant; by default until the "
+            "precision is reached.",
         ),
     ] = None,
     precision: Annotated[
         float,
         typer.Option(
             min=1e-6,
-            help="Go on until the interval of the mean is this narrow, relative to it.",
+            help="Continue until the confidence interval of the mean is this "
+            "narrow, relative to the mean.",
         ),
     ] = 0.02,
     policies: Annotated[
@@ -57,7 +59,10 @@ def study(
     ] = None,
     deadline_s: Annotated[
         float | None,
-        typer.Option("--deadline", help="How likely is the run over by then [s]?"),
+        typer.Option(
+            "--deadline",
+            help="Deadline, whose probability of being met is estimated [s].",
+        ),
     ] = None,
     antithetic: Annotated[
         bool,
@@ -85,8 +90,9 @@ def study(
         bool,
         typer.Option(
             "--operate",
-            help="Plan anew what is left where a skill fails for good or a robot is out, as"
-            " twin operate does, of the plan that it executes.",
+            help="Replan the remaining work where a skill fails for good or a "
+            "robot is out of service, as twin operate does, with the plan "
+            "that it executes.",
         ),
     ] = False,
     failures: Annotated[
@@ -95,15 +101,16 @@ def study(
             min=0,
             max=1,
             metavar="P",
-            help="With it, probability that an attempt at any skill fails, of which a fifth"
-            " loses what is handled, where the scenario says nothing of that skill.",
+            help="With --operate, probability that an attempt at any skill fails, "
+            "a fifth of which lose the object; for skills without a rate in "
+            "the scenario.",
         ),
     ] = None,
     workers: Annotated[
         int | None,
         typer.Option(
             min=0,
-            help="Processes; 0 for none besides this one. Default: one a core.",
+            help="Worker processes; 0 computes in this process. Default: one a core.",
         ),
     ] = None,
     out: Annotated[
@@ -114,13 +121,16 @@ def study(
         ),
     ] = None,
     least: Annotated[
-        int, typer.Option(min=2, help="At least so many, with --precision.")
+        int,
+        typer.Option(min=2, help="Minimum number of replications, with --precision."),
     ] = 20,
     most: Annotated[
-        int, typer.Option(min=2, help="At most so many, with --precision.")
+        int,
+        typer.Option(min=2, help="Maximum number of replications, with --precision."),
     ] = 10_000,
     confidence: Annotated[
-        float, typer.Option(min=0.5, max=0.9999, help="Of all intervals.")
+        float,
+        typer.Option(min=0.5, max=0.9999, help="Confidence level of all intervals."),
     ] = 0.95,
     vary: Annotated[
         list[str] | None,
@@ -145,14 +155,14 @@ def study(
     ] = None,
     resume: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Go on with the study in this folder."),
+        typer.Option(metavar="DIR", help="Resume the study in this folder."),
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Replicate a plan under uncertainty: how long it takes, and how sure one can be.
+    """Replicate a plan under uncertainty: makespans with confidence intervals.
 
-    All policies and variants see the same draws, so their differences are sharp. Leaves
+    All policies and variants use common random numbers, so that their differences are paired. Writes
     replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
     """
     from twin.cluster.commands import given_cluster
@@ -188,7 +198,7 @@ def study(
                 out=out,
                 progress=progress,
             )
-    view.tell(found.summary, lambda: print_study(found.result))
+    view.output(found.summary, lambda: print_study(found.result))
 
 
 def _subject(
@@ -212,13 +222,13 @@ def _subject(
 def compare(
     scenario: ScenarioFile,
     seeds: Annotated[
-        int, typer.Option(min=1, help="How many, counted from the scenario's.")
+        int, typer.Option(min=1, help="Number of seeds, counted from the scenario's.")
     ] = 4,
     shortcuts: Annotated[
         int | None,
         typer.Option(
             min=0,
-            help="Most that are tried on each plan, in place of the scenario's.",
+            help="Maximum number tried on each plan, in place of the scenario's.",
         ),
     ] = None,
     reference_skills: Annotated[
@@ -242,9 +252,9 @@ def compare(
 ) -> None:
     """Plan a scenario with several seeds and execute it under every policy.
 
-    Sequential, synchronous and asynchronous, with and without shortcuts: all from the same
-    paths, with the same skill durations. Leaves makespan and wait with what no coordination can
-    beat, and planning time by stage: ``compare.json`` and ``compare.png``.
+    Sequential, synchronous and asynchronous, with and without shortcuts: all from the same paths, with the
+    same skill durations. Writes makespans and wait times, lower bounds, and planning times by stage:
+    ``compare.json`` and ``compare.png``.
     """
     from twin.studies import compare as comparison_api
 
@@ -265,7 +275,7 @@ def _show_comparison(found: Comparison, view: View) -> None:
     from twin.studies.report.comparison_chart import print_comparison
 
     figures, folder, heading = found.figures, found.folder, found.heading
-    view.tell(
+    view.output(
         figures,
         lambda: print_comparison(
             figures, folder, heading=heading, compiled=view.compiled

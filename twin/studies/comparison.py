@@ -58,6 +58,9 @@ _RELATIVE = {"relative_makespan": "makespan_s", "relative_wait": "wait_s"}
 Figure = dict[str, Any]
 """Keys mean, std and per_seed."""
 
+Rows = Mapping[int, Mapping[str, "Measurement"]]
+"""Measurements of all policies, by seed and policy."""
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -81,10 +84,6 @@ class Measurement:
     straight_line_ratio: float | None
     nodes: int
     type2_edges: int
-
-
-Rows = Mapping[int, Mapping[str, Measurement]]
-"""Measurements of all policies, by seed and policy."""
 
 
 def require_comparable(scenario: Scenario) -> None:

@@ -189,8 +189,8 @@ def require_same_study(folder: Path, scenario: Scenario) -> None:
     if there != scenario:
         raise RequestError(
             f"{folder} holds a study of scenario {there.name!r} as it was then, not of this"
-            f" {scenario.name!r}; give another folder, or leave the scenario away to go on"
-            " with that one"
+            f" {scenario.name!r}; give another folder, or leave the scenario out to continue"
+            " that one"
         )
 
 
@@ -204,7 +204,7 @@ def require_no_study(folder: Path | None, scenario: Scenario) -> None:
     if folder is not None and (folder / MANIFEST).exists():
         require_same_study(folder, scenario)
         raise RequestError(
-            f"{folder} holds a study already: go on with it by --resume {folder}, or give"
+            f"{folder} holds a study already: continue it with --resume {folder}, or give"
             " another folder"
         )
 

@@ -136,14 +136,14 @@ def operated_summary(
     """
     confidence, mirrored = experiment.precision.confidence, experiment.antithetic
     rows = [result.rows for result in cell_blocks(blocks, cell)]
-    told = [own.operated for own in rows if own.operated is not None]
+    operated = [own.operated for own in rows if own.operated is not None]
     takes = np.concatenate([own.makespans_s() for own in rows])
-    knew = np.concatenate([own.knew_ns for own in told]) / NANOSECONDS
+    knew = np.concatenate([own.knew_ns for own in operated]) / NANOSECONDS
     knew[knew < 0.0] = np.nan
-    versions = np.concatenate([own.versions for own in told])
-    recoveries = np.concatenate([own.recoveries for own in told], axis=1)
-    given_up = np.concatenate([own.given_up for own in told], axis=1)
-    anew = np.where(versions > 0, takes, np.nan)
+    versions = np.concatenate([own.versions for own in operated])
+    recoveries = np.concatenate([own.recoveries for own in operated], axis=1)
+    given_up = np.concatenate([own.given_up for own in operated], axis=1)
+    replanned = np.where(versions > 0, takes, np.nan)
     done, count = np.isfinite(takes), len(takes)
 
     def share(hits: npt.ArrayLike) -> SummaryEntry:
@@ -170,7 +170,7 @@ def operated_summary(
             0.0 if one.sooner_s is None else -one.sooner_s.estimate,
         )
     )
-    often = zip(told[0].steps.tolist(), given_up.sum(axis=1).tolist(), strict=True)
+    often = zip(operated[0].steps.tolist(), given_up.sum(axis=1).tolist(), strict=True)
     return OperatedSummary(
         completed=share(done),
         gave_up=share(given_up.any(axis=0)),
@@ -181,7 +181,7 @@ def operated_summary(
             for rung, own in zip(RUNGS, recoveries, strict=True)
         },
         regret_s=paired(takes, knew),
-        regret_replanned_s=paired(anew, knew),
+        regret_replanned_s=paired(replanned, knew),
         prevented=tuple(found),
     )
 

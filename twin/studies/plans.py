@@ -198,7 +198,7 @@ def workloads(
         if motions is not None:
             fail = tuple(sorted(model.disturbances.failures))
             operated = OperatingWorkload(own, motions, plans[name], fail)
-            reasons += tuple(own.execution.known_when_it_happens())
+            reasons += tuple(own.execution.describe_unforeseen_events())
         origin = {
             "scenario": scenario_sha256(resolve_scenario(own)),
             "plan": hashes[name],

@@ -148,7 +148,7 @@ def start_study(
         request, plans = plans_of_layouts(request, progress)
     elif any(map(layout_of, experiment.variants)):
         keys = ", ".join(layout_of(experiment.variants[0]))
-        raise RequestError(f"{keys}: a plan that is there cannot be varied; plan anew")
+        raise RequestError(f"{keys}: a plan that is there cannot be varied; plan again")
     save_plans(plans, folder / PLANS)
     # The manifest comes last: a folder that has one can be gone on with.
     cell = build_workcell(scenario, request.base)
@@ -199,7 +199,7 @@ def _run(
             run_replications(again, others, place, open_executor, progress)
     except (ClusterError, ClusterLostError) as error:
         raise ClusterLostError(
-            f"{error}; what was done is kept, go on with --resume {folder}"
+            f"{error}; what was done is kept, continue with --resume {folder}"
         ) from error
     audits = _audits(experiment, folder, plans, loads, progress)
     write_replications(folder / REPLICATIONS, experiment, blocks)
@@ -307,7 +307,7 @@ def _audits(
     for cell, (policy, variant) in enumerate(experiment.cells):
         tpg = plans[plan_key(variant, named_policies()[policy].plan)]
         load = replace(loads[cell], tpg=tpg)  # with the shapes that work goes without
-        if policy == OPEN_LOOP or _drawn_off(load):
+        if policy == OPEN_LOOP or _describe_pose_errors(load):
             drawn[cell] = load
     count = experiment.audited
     if experiment.replications is not None:
@@ -325,7 +325,7 @@ def _audits(
     return found
 
 
-def _drawn_off(load: Workload) -> str:
+def _describe_pose_errors(load: Workload) -> str:
     """Return a description of pose errors: of bases, or of tools in skills."""
     disturbances, cell = load.execution.disturbances, load.tpg.cell
     what = {
@@ -359,7 +359,7 @@ def _audit_cell(
             replay.mkdir()
             save_plan(load.tpg, replay)
         write_motion(replay, load.tpg, run)
-        if _drawn_off(load):
+        if _describe_pose_errors(load):
             disturbances, cell = load.execution.disturbances, load.tpg.cell
             how = {"seed": load.seed, "replication": replication}
             known = disturbances.deviations_in(cell)

@@ -169,7 +169,7 @@ class RankedLayout(Figures):
     behind_s: SummaryEntry | None
 
     @property
-    def told_apart(self) -> bool:
+    def significantly_slower(self) -> bool:
         """Whether it is significantly slower than the fastest."""
         return self.behind_s is not None and self.behind_s.low > 0.0
 

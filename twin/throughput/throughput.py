@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.tasks.task import TaskKind, is_done_to_a_product
+from planning.tasks.task import TaskKind, is_product_task
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
@@ -63,7 +63,7 @@ def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
     works = np.array(
         [kind not in (TaskKind.TRANSIT, *TaskKind.SUPPLY) for kind in kinds]
     )
-    steps = np.array([is_done_to_a_product(task) for task in tpg.tasks])
+    steps = np.array([is_product_task(task) for task in tpg.tasks])
     works, steps = works & (tpg.products > 0), steps & (tpg.products > 0)
     first: list[tuple[int, int]] = []
     last: list[tuple[int, int]] = []

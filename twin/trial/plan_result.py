@@ -200,7 +200,7 @@ def require_plan_of(plan: PlanResult, scenario: LoadedScenario) -> None:
     for section in ("cell", "assembly", "planning"):
         if getattr(before, section) != getattr(now, section):
             raise RequestError(
-                f"{section} is not that of the plan: vary what is executed, or plan anew"
+                f"{section} is not that of the plan: vary what is executed, or plan again"
             )
 
 

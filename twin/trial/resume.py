@@ -124,7 +124,7 @@ def _require_agreement(
     for k, line in enumerate(known):
         if k >= len(lines):
             raise ResumeError(
-                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log goes on",
+                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log continues",
                 row=k + 1,
             )
         if line != lines[k]:

@@ -94,7 +94,7 @@ class RunResult:
         """The temporal plan graph that was executed."""
         if self._plan is not None:
             return self._plan.tpg
-        self._there(PLAN)
+        self._require_file(PLAN)
         return plan_of_run(self.files)
 
     @cached_property
@@ -268,7 +268,7 @@ class RunResult:
             f"{self.folder}: {EVENTS} tells of {what}, which {PLAN} does not have"
         )
 
-    def _there(self, name: str) -> Path:
+    def _require_file(self, name: str) -> Path:
         path = self.files / name
         require_own_files(self.files, (name, SUMMARY))
         if not path.is_file():
@@ -276,7 +276,7 @@ class RunResult:
         return path
 
     def _as_written(self, name: str) -> Path:
-        path = self._there(name)
+        path = self._require_file(name)
         require_recorded_hashes(self.files, (name,))
         return path
 

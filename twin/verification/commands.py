@@ -21,6 +21,16 @@ if TYPE_CHECKING:
     from scheduling.verification.verify import VerificationReport
     from twin.verification.standing_states import AdversaryReport
 
+_UNITS = {
+    "mm": ("m", 1e-3),
+    "cm": ("m", 1e-2),
+    "m": ("m", 1.0),
+    "deg": ("rad", math.pi / 180),
+    "mrad": ("rad", 1e-3),
+    "rad": ("rad", 1.0),
+}
+"""Units of pose errors, each with the attribute and its factor."""
+
 
 @guarded
 def verify(
@@ -34,26 +44,26 @@ def verify(
         str | None,
         typer.Option(
             metavar="M,RAD",
-            help="Also prove that nothing touches that may not while the base of every robot"
-            " is off by up to this, as 1mm,0.1deg: a way in any direction, a turn about any"
-            " axis. What limits the plan is named, and the largest such error that it"
-            " survives.",
+            help="Also prove that there is no forbidden contact while the base of "
+            "every robot is off by up to this, as 1mm,0.1deg: a displacement "
+            "in any direction, a rotation about any axis. The report has the "
+            "largest tolerated error, and what limits it.",
         ),
     ] = None,
     deviation: Annotated[
         str | None,
         typer.Option(
             metavar="M,RAD",
-            help="The same while in every skill the flange of the robot, and with it the"
-            " tool and what it holds, is off its reference path by up to this, as under"
-            " force control.",
+            help="The same while in every skill the flange of the robot, with the "
+            "tool and the held object, is off its reference path by up to "
+            "this, as under force control.",
         ),
     ] = None,
     adversary: Annotated[
         bool,
         typer.Option(
-            help="Also stop each robot wherever another waits for it, and audit what"
-            " stands."
+            help="Also stop each robot wherever another waits for it, and audit "
+            "the standstills."
         ),
     ] = True,
     audit_engine: AuditEngine = None,
@@ -62,8 +72,8 @@ def verify(
 ) -> int:
     """Prove that a saved plan is safe for any delays.
 
-    The proof shares no code with the planner: it is slow and looks at everything anew. The
-    worst delays are then tried out and audited: robots that stop for ever.
+    The proof is slow and shares no code with the planner. The worst delays, robots that stop for ever, are
+    then simulated and audited.
     """
     from planning.cell.workcell import NO_ERROR
     from scheduling.verification.verify import verify_plan
@@ -168,12 +178,12 @@ def _echo_survived(what: str, survived: SurvivedErrors) -> None:
     for where, side in sides.items():
         much = "at least " if side.limiting is None else ""
         typer.echo(
-            f"{where}: {what} up to {much}{_told(survived.largest(side))} survived"
+            f"{where}: {what} up to {much}{_format_pose_error(survived.largest(side))} survived"
             + (f"; limited by {side.limiting}" if side.limiting else "")
         )
 
 
-def _told(error: PoseError) -> str:
+def _format_pose_error(error: PoseError) -> str:
     return f"{1000 * error.m:.3g} mm and {math.degrees(error.rad):.3g} deg"
 
 
@@ -189,10 +199,6 @@ def _survived(survived: SurvivedErrors) -> dict[str, object]:
             else {**asdict(limiting), "margin_m": limiting.margin_m},
         }
     return out
-
-
-_UNITS = {"mm": ("m", 1e-3), "cm": ("m", 1e-2), "m": ("m", 1.0)}
-_UNITS |= {"deg": ("rad", math.pi / 180), "mrad": ("rad", 1e-3), "rad": ("rad", 1.0)}
 
 
 def read_pose_error(text: str, option: str) -> PoseError:

@@ -150,7 +150,7 @@ class ClearanceCheck:
             times: knots of its pieces [s].
             limit: least distances.
         """
-        own = OwnMotions(robot.motion.robot, robot.knots)
+        own = OwnMotions(robot.motion.robot, robot.knots, robot.frames)
         for pair in combinations(robot.parts, 2):
             least = limit(*pair)
             if least > -math.inf:

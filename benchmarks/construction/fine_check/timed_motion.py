@@ -66,6 +66,7 @@ class MovingRobot:
     Attributes:
         motion, parts: see there.
         knots: configurations at these times, shape (s + 1, n).
+        frames: poses of base and joints there, shape (s + 1, n + 1, 4, 4).
         motions: of each part.
         sweeps: what each part sweeps in each piece.
     """
@@ -75,9 +76,9 @@ class MovingRobot:
     ) -> None:
         self.motion, self.parts = motion, parts
         self.knots = motion.at(times)
-        frames = motion.robot.joint_frames_along(self.knots)
+        self.frames = motion.robot.joint_frames_along(self.knots)
         self.motions = [
-            Motion(motion.robot, part, self.knots, frames[:, part.joint + 1])
+            Motion(motion.robot, part, self.knots, self.frames[:, part.joint + 1])
             for part in parts
         ]
         low, high = (

@@ -162,7 +162,7 @@ def _grow(
         if ok and abs(last - end) <= _TINY:
             a, b = (at_node, near) if tree.forward else (near, at_node)
             times, path, found = _join(ahead, a, back, b)
-            times, path = _hurry(scene, query, times, path, found)
+            times, path = _connect_straight(scene, query, times, path, found)
             bound = times[-1] - gain
             since = 0
             roots = 0
@@ -174,7 +174,7 @@ def _grow(
 
 
 @inner_kernel
-def _hurry(
+def _connect_straight(
     scene: MoverScene, query: Query, times: Array, path: Array, goal: int
 ) -> tuple[Array, Array]:
     """Connect straight to the goal from the node on the path that gives the earliest arrival."""

@@ -43,7 +43,9 @@ def direct_paths(
     soon = np.empty(goals * kinds)
     for g in range(goals):
         for k in range(kinds):
-            soon[g * kinds + k] = next_arrival(query, g, _soonest(query, g, k, shares))
+            soon[g * kinds + k] = next_arrival(
+                query, g, _earliest_arrival(query, g, k, shares)
+            )
     times, paths = np.empty((most, _PLACES)), np.empty((most, _PLACES, n))
     counts = np.zeros(most, dtype=np.int64)
     which = np.zeros(most, dtype=np.int64)
@@ -60,7 +62,9 @@ def direct_paths(
             continue
         which[found] = g
         found += 1
-        if _meets_nobody(scene, times[found - 1], paths[found - 1], counts[found - 1]):
+        if _is_clear_of_robots(
+            scene, times[found - 1], paths[found - 1], counts[found - 1]
+        ):
             return times[:found], paths[:found], counts[:found], which[:found], True
     return times[:found], paths[:found], counts[:found], which[:found], False
 
@@ -83,7 +87,7 @@ def _stands(
 
 
 @inner_kernel
-def _soonest(query: Query, goal: int, kind: int, shares: int) -> float:
+def _earliest_arrival(query: Query, goal: int, kind: int, shares: int) -> float:
     """Return the earliest possible arrival of a path [s]."""
     _, _, before, after = _stands(query, goal, kind, shares)
     start = query.begin
@@ -183,7 +187,9 @@ def _still_clear(scene: MoverScene, times: Array, path: Array, count: int) -> bo
 
 
 @inner_kernel
-def _meets_nobody(scene: MoverScene, times: Array, path: Array, count: int) -> bool:
+def _is_clear_of_robots(
+    scene: MoverScene, times: Array, path: Array, count: int
+) -> bool:
     """Tell whether a path is clear of moving robots."""
     for k in range(count - 1):
         a, s, b, t = path[k], times[k], path[k + 1], times[k + 1]

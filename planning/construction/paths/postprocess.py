@@ -315,14 +315,14 @@ def with_early_waits(
 
 
 def _timed(
-    way: SpaceTimePath, places: Array, come: Array, leave: Array
+    planned: SpaceTimePath, places: Array, come: Array, leave: Array
 ) -> SpaceTimePath:
     """Return the path through waypoints, each with its arrival and departure time."""
     time = np.stack([come, leave], axis=1).ravel()
     path = np.repeat(places, 2, axis=0)
     keep = np.concatenate([[True], np.diff(time) > 1e-9])
     time, path = _without_waypoints(time[keep], path[keep])
-    return replace(way, time=time, path=path)
+    return replace(planned, time=time, path=path)
 
 
 def _places(path: Array, query: Query) -> Array:

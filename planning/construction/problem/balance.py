@@ -68,7 +68,9 @@ class SiteBalance:
                     return below | {last for last in lasts if last is not None}
         found: frozenset[str] | UnstableState = frozenset()
         for below in choices:
-            found = self._together(self.standing, {**before, part: below}, kept)
+            found = self._joint_prerequisites(
+                self.standing, {**before, part: below}, kept
+            )
             if not isinstance(found, UnstableState):
                 break
         return found
@@ -127,7 +129,7 @@ class SiteBalance:
         falls = standing.falling(there, joints=standing.joints, weighing=[part])
         return falls is None
 
-    def _together(
+    def _joint_prerequisites(
         self,
         standing: StabilityChecker,
         before: Mapping[str, frozenset[str]],

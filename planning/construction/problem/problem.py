@@ -128,7 +128,7 @@ class SkillSeconds:
     """Nominal durations of the phases of a skill in which the tool stands still [s].
 
     Attributes:
-        pick: a part is taken up.
+        pick: a part is picked.
         place: a part is put down.
         handover: a part changes hands, for both robots.
         exceptions: durations that hold instead where a robot does a skill, or where it is done to

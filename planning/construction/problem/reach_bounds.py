@@ -103,7 +103,7 @@ class ReachBounds:
         """Return the robots that reach the place of a part."""
         return tuple(r for r in self.problem.team if self.place_grips(r, part))
 
-    def alone(self, part: Part) -> tuple[str, ...]:
+    def able_alone(self, part: Part) -> tuple[str, ...]:
         """Return the robots that can pick and place a part by one grip."""
         return tuple(
             r
@@ -119,7 +119,7 @@ class ReachBounds:
             robots: the robots that hold it, in order.
         """
         if len(robots) == 1:
-            return robots[0] in self.alone(part)
+            return robots[0] in self.able_alone(part)
         return (
             bool(self.pick_grips(robots[0], part))
             and bool(self.place_grips(robots[-1], part))
@@ -226,7 +226,7 @@ class ReachBounds:
         return self._chains[part.name]
 
     def _find_chain(self, part: Part) -> tuple[str, ...] | None:
-        for robot in self.alone(part):
+        for robot in self.able_alone(part):
             return (robot,)
         ends = self.placers(part)
         chains: list[tuple[str, ...]] = [(robot,) for robot in self.pickers(part)]

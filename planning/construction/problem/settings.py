@@ -116,7 +116,7 @@ class SubproblemSettings:
         )
         return replace(self, rrt=rrt, holds=1)
 
-    def harder(self, effort: int) -> SubproblemSettings:
+    def with_more_effort(self, effort: int) -> SubproblemSettings:
         """Return settings that retry failures."""
         if effort == 0:
             return self

@@ -113,10 +113,10 @@ def build_problem(
         touch=touch,
         covers=parts_stacked_on(starts),
     )
-    ways = {part.name: part.insertion for part in out}
+    directions_by_part = {part.name: part.insertion for part in out}
     return ConstructionProblem(
         cell=cell,
         parts=tuple(out),
-        graph=with_insertions(graph, items, ways, approach),
+        graph=with_insertions(graph, items, directions_by_part, approach),
         approach=approach,
     )

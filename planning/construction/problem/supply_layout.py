@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias, Union
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.construction.problem.models import ModelPart
 from planning.transforms import Transform, read_only_copy, rotation, translation
+
+SupplyLayout: TypeAlias = Union["Spiral", "Rows"]
+"""Layout of the parts before they are picked."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +79,6 @@ class Rows:
             side = (column - 0.5 * (self.columns - 1)) * self.pitch[0]
             out.append(frame @ translation(row * self.pitch[1], side, 0.0))
         return out
-
-
-SupplyLayout = Spiral | Rows
 
 
 def supply_poses(

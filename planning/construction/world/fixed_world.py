@@ -300,13 +300,13 @@ class HeldPlacement(NamedTuple):
 
     Attributes:
         robot: the robot; it stands.
-        way: path by which it then leaves the part, shape (w, n).
+        exit_path: path by which it then leaves the part, shape (w, n).
         last: the part that has to be in place before; empty as long as that is open.
         end: when the robot lets go [s].
     """
 
     robot: str
-    way: Array
+    exit_path: Array
     last: str = ""
     end: float = np.inf
 

@@ -116,7 +116,7 @@ class RobotTimeline:
         if time[0] < self.end - SAME or np.max(np.abs(path[0] - self.path[-1])) > 1e-6:
             raise PlanInvariantError(
                 f"robot {self.robot!r} stands at {np.round(self.path[-1], 4).tolist()}"
-                f" from {self.end:.3f} s on, and is to go on from"
+                f" from {self.end:.3f} s on, and is to continue from"
                 f" {np.round(path[0], 4).tolist()} at {time[0]:.3f} s"
             )
         more = np.maximum(np.asarray(time, dtype=np.float64), self.end)
@@ -376,7 +376,7 @@ def skill_motion(
     robot: PlacedRobot,
     frame: str,
     touch: Array,
-    ways: tuple[Array, Array],
+    displacements: tuple[Array, Array],
     velocity: Array,
     seconds: float,
 ) -> SkillMotion | None:
@@ -386,14 +386,14 @@ def skill_motion(
         robot: the robot.
         frame: its tool frame.
         touch: configuration at the touch, shape (n,).
-        ways: displacements in the world from where the tool comes to the touch, and from the touch
+        displacements: displacements in the world from where the tool comes to the touch, and from the touch
             to where it goes, each of shape (3,) [m].
         velocity: joint speed limits, shape (n,).
         seconds: nominal duration of the skill; longer where the joint speeds require it [s].
     """
     at = frame_pose(robot, touch, frame)
-    into = follow_straight_line(robot, frame, at, touch, -ways[0])
-    out = follow_straight_line(robot, frame, at, touch, ways[1])
+    into = follow_straight_line(robot, frame, at, touch, -displacements[0])
+    out = follow_straight_line(robot, frame, at, touch, displacements[1])
     if into is None or out is None:
         return None
     path = np.vstack([into[::-1], out[1:]])

@@ -8,11 +8,10 @@ is raised.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from planning.transforms import Transform
@@ -28,25 +27,6 @@ BRICK_LEVELS = 3
 
 GridPlace = tuple[int, int, int]
 """A place on the grid: stud in x and y from 0, level from 0 on the plate."""
-
-# Of 1x3, 2x3 and 2x8 the masses lie on the lines through those of the other sizes.
-_MASSES: dict[tuple[int, int], float] = {
-    (1, 1): 0.00044,
-    (1, 2): 0.0008,
-    (1, 3): 0.0012,
-    (1, 4): 0.0016,
-    (1, 6): 0.0023,
-    (1, 8): 0.00308,
-    (2, 2): 0.0012,
-    (2, 3): 0.0017,
-    (2, 4): 0.0022,
-    (2, 6): 0.00328,
-    (2, 8): 0.00436,
-}
-
-# Catalogues of parts weigh plates of 1 x 4 studs at 0.71 g and of 2 x 3 at 0.93 g; the others of
-# their width are in proportion to their studs.
-_PLATE_STUD_MASSES = {1: 0.00071 / 4, 2: 0.00093 / 6}
 
 
 @dataclass(frozen=True)
@@ -350,17 +330,3 @@ class LegoAssembly:
     def plate_of(self, item: StockBrick) -> Plate:
         """Return the plate that a stock brick stands on."""
         return self.plate if item.fixed or self.storage is None else self.storage
-
-
-def _library() -> Iterator[BrickType]:
-    for studs, mass in _MASSES.items():
-        yield BrickType(f"{studs[0]}x{studs[1]}", studs, mass)
-    for wide, long in _MASSES:
-        mass = round(_PLATE_STUD_MASSES[wide] * wide * long, 8)
-        yield BrickType(f"{wide}x{long}-plate", (wide, long), mass, height=1)
-
-
-BRICKS: Mapping[str, BrickType] = MappingProxyType(
-    {brick.name: brick for brick in _library()}
-)
-"""Types every scenario may use: bricks such as ``"2x4"``, plates such as ``"2x4-plate"``."""

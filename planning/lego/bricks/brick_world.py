@@ -274,7 +274,7 @@ class BrickWorld:
         some = step.presses or legal_presses(step.brick)
         return [grasp_number(press) for press in some]
 
-    def go_together(self, number: int, grasp: int, support: int) -> bool:
+    def are_compatible(self, number: int, grasp: int, support: int) -> bool:
         """Tell whether a step allows a grip in combination with one of its supports.
 
         Every grip goes with the first support, and every support with the first grip.

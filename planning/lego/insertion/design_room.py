@@ -23,7 +23,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.grid import level_height
-from planning.lego.insertion.rules import InsertionWay
+from planning.lego.insertion.rules import InsertionMethod
 from planning.lego.insertion.tool_room import (
     PLATE,
     Approach,
@@ -54,9 +54,9 @@ _TIP_SHIFTS = ((0, 0), (-1, 0), (0, -1))
 Point = tuple[float, float]
 
 _LEVELS = {
-    InsertionWay.DOWN_HELD_BELOW: (-9, -6, -12, -8, -7, -10, -11, -5, -4),
-    InsertionWay.UP: (9, 12, 8, 7, 6, 5, 10, 11),
-    InsertionWay.DOWN_HELD_ABOVE: (),
+    InsertionMethod.DOWN_HELD_BELOW: (-9, -6, -12, -8, -7, -10, -11, -5, -4),
+    InsertionMethod.UP: (9, 12, 8, 7, 6, 5, 10, 11),
+    InsertionMethod.DOWN_HELD_ABOVE: (),
 }
 """Levels of a support's cell from the contact of the press that are looked at first, those of
 whole layers before the others."""
@@ -104,7 +104,9 @@ class DesignRoom:
         self._touching = cache(self._find_touching)
         self._supports: dict[Support, SupportPlace] = {}
 
-    def in_the_way(self, brick: str, press: Press, names: Names, *, up: bool) -> Names:
+    def press_obstacles(
+        self, brick: str, press: Press, names: Names, *, up: bool
+    ) -> Names:
         """Return which of the present bricks, or the plate, block a press.
 
         A brick that goes in from above may come from either side, low or high over its
@@ -161,12 +163,12 @@ class DesignRoom:
                     found[name].append(place)
         return found
 
-    def holds_anywhere(
+    def possible_holds(
         self,
         brick: str,
         touchable: Iterable[str],
         obstacles: Names,
-        approach: InsertionWay,
+        approach: InsertionMethod,
     ) -> tuple[ToolHold, ...]:
         """Return pushes that bound those of any supporting tool with room, and of all of them together.
 
@@ -287,7 +289,7 @@ class SupportSpots:
     inserted: str
 
     def found(
-        self, approach: InsertionWay, contact: Cell, at: Point
+        self, approach: InsertionMethod, contact: Cell, at: Point
     ) -> Iterator[SupportSpot]:
         """Yield the spots: those next to the press first, then the others by distance.
 
@@ -312,7 +314,7 @@ class SupportSpots:
 
         yield from sorted(filter(None, map(self._spot, nearby)), key=order)
         tried = set(nearby)
-        for support in self._anywhere(at, from_above=top):
+        for support in self._touching_positions(at, from_above=top):
             if support not in tried:
                 spot = self._spot(support)
                 if spot is not None and spot.away(at) >= approach.apart:
@@ -331,7 +333,7 @@ class SupportSpots:
         holds = tuple(chain.from_iterable(place.touches[n] for n in touched))
         return SupportSpot(support, holds, not place.near.isdisjoint(self.names))
 
-    def _anywhere(self, at: Point, *, from_above: bool) -> list[Support]:
+    def _touching_positions(self, at: Point, *, from_above: bool) -> list[Support]:
         """Return the tool positions that touch bricks, nearest first."""
         found = {
             place.support

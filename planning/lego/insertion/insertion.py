@@ -20,7 +20,6 @@ from itertools import chain, islice, product
 import numpy as np
 
 from planning.lego.bricks.assembly import (
-    BRICKS,
     STUD_PITCH,
     LegoStep,
     PlacedBrick,
@@ -28,6 +27,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_grips import legal_presses, press_cell
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import level_height
 from planning.lego.insertion.design_room import (
     DesignRoom,
@@ -35,7 +35,7 @@ from planning.lego.insertion.design_room import (
     SupportSpot,
     SupportSpots,
 )
-from planning.lego.insertion.rules import InsertionWay, SequencingRules
+from planning.lego.insertion.rules import InsertionMethod, SequencingRules
 from planning.lego.insertion.tool_room import PLATE
 from planning.lego.stability.contacts import ToolHold
 from planning.lego.stability.partial_structures import (
@@ -45,7 +45,7 @@ from planning.lego.stability.partial_structures import (
 )
 from planning.statics.equilibrium import Load, StabilityReport
 
-_Question = tuple[str, InsertionWay, tuple[Press, ...], tuple[ToolHold, ...]]
+_Question = tuple[str, InsertionMethod, tuple[Press, ...], tuple[ToolHold, ...]]
 
 MOST_SPOTS = 40
 """Greatest number of supporting spots for one press."""
@@ -59,13 +59,13 @@ class Insertion:
     """An insertion of a brick into a structure.
 
     Attributes:
-        way: the insertion method.
+        method: the insertion method.
         press: the grip.
         support: the supporting tool, None without one.
         bearing: the force that it takes, and what of it the structure bears.
     """
 
-    way: InsertionWay
+    method: InsertionMethod
     press: Press
     support: Support | None
     bearing: PressBearing
@@ -108,22 +108,22 @@ class Insertions:
         return {}
 
     def last(
-        self, names: Names, brick: str, insertion_way: InsertionWay
+        self, names: Names, brick: str, method: InsertionMethod
     ) -> Insertion | None:
         """Return the insertion of a brick of a partial structure as its last one, None if there is none."""
-        site = self.at(names, brick, up=insertion_way.up)
+        site = self.at(names, brick, up=method.up)
         if site.obstacle() is not None or not site.roomy:
             return None
         if not self.structures.stands(names - {brick}):
             return None
-        return site.insertion(insertion_way)
+        return site.insertion(method)
 
     def perhaps(self, parts: Names, brick: str) -> bool:
         """Tell whether a brick might be the last one inserted next to others (and fixed bricks)."""
         names = parts | self.fixed
         bearings = (
-            self.at(names, brick, up=insertion_way.up).prospect(insertion_way)
-            for insertion_way in self.rules.ways_of(brick)
+            self.at(names, brick, up=method.up).prospect(method)
+            for method in self.rules.methods_of(brick)
         )
         return any(bearing is not None and bearing.stable for bearing in bearings)
 
@@ -152,26 +152,24 @@ class InsertionSite:
     item: PlacedBrick
     up: bool
 
-    def insertion(self, insertion_way: InsertionWay) -> Insertion | None:
+    def insertion(self, method: InsertionMethod) -> Insertion | None:
         """Return the first sufficient insertion, by the order of presses and spots."""
-        if insertion_way.held and not self._might(insertion_way):
+        if method.held and not self._bears_all_presses(method):
             return None
         for press in self.roomy_presses:
-            found = next(self.insertions(press, insertion_way), None)
+            found = next(self.insertions(press, method), None)
             if found is not None:
                 return found
         return None
 
-    def insertions(
-        self, press: Press, insertion_way: InsertionWay
-    ) -> Iterator[Insertion]:
+    def insertions(self, press: Press, method: InsertionMethod) -> Iterator[Insertion]:
         """Yield the insertions with one press: alone, or supported at each sufficient spot."""
-        if not insertion_way.held:
+        if not method.held:
             bearing = self.bears(press)
             if bearing.stable:
-                yield Insertion(insertion_way, press, None, bearing)
+                yield Insertion(method, press, None, bearing)
             return
-        spots = list(self.spots(press, insertion_way))
+        spots = list(self.spots(press, method))
         every = tuple(dict.fromkeys(hold for spot in spots for hold in spot.holds))
         # What the structure does not bear held at all spots together, it bears held at none.
         if not every or not self._pressed(press, every).stable:
@@ -179,9 +177,9 @@ class InsertionSite:
         for spot in spots:
             bearing = self._pressed(press, spot.holds)
             if bearing.stable:
-                yield Insertion(insertion_way, press, spot.support, bearing)
+                yield Insertion(method, press, spot.support, bearing)
 
-    def prospect(self, insertion_way: InsertionWay) -> PressBearing | None:
+    def prospect(self, method: InsertionMethod) -> PressBearing | None:
         """Return an upper bound of the press load borne by any structure with at most these bricks.
 
         Its force is the least that pressing can take: onto one other brick alone.
@@ -193,10 +191,10 @@ class InsertionSite:
         whole = replace(self, names=frozenset(design.structures.bricks))
         if self._over or not whole._onto or not self.roomy:
             return None
-        holds = self._holds_anywhere(insertion_way, whole.names)
-        if insertion_way.held and not holds:
+        holds = self._possible_holds(method, whole.names)
+        if method.held and not holds:
             return None
-        question = (name, insertion_way, self.roomy, holds)
+        question = (name, method, self.roomy, holds)
         if question not in design.borne:
             force = min(design.force_onto(name, (k,)) for k in whole._onto)
             load = _press_load(self.item, *self.roomy, up=self.up, force=force)
@@ -270,7 +268,7 @@ class InsertionSite:
             for other in self.roomy_presses
             if other != press and self.bears(other, chosen.support).stable
         )
-        held = self.insertions(press, chosen.way) if chosen.way.held else ()
+        held = self.insertions(press, chosen.method) if chosen.method.held else ()
         return LegoStep(
             brick=item.brick,
             cell=item.cell,
@@ -280,48 +278,48 @@ class InsertionSite:
             attack=self.design.room.attack(item.name, press, self.names, up=self.up),
         )
 
-    def spots(self, press: Press, insertion_way: InsertionWay) -> Iterator[SupportSpot]:
+    def spots(self, press: Press, method: InsertionMethod) -> Iterator[SupportSpot]:
         """Yield support positions of the other arm, a bounded number of them."""
         contact = press_cell(self.item, press, up=self.up)
         spots = SupportSpots(self.design.room, self.names, self.item.name)
         return islice(
-            spots.found(insertion_way, contact, self._press_point(press)), MOST_SPOTS
+            spots.found(method, contact, self._press_point(press)), MOST_SPOTS
         )
 
     @property
     def _onto(self) -> tuple[str | None, ...]:
         """The brick that it is pressed onto, None for the plate."""
         structures = self.design.structures
-        beside = structures.above if self.up else structures.below
-        return beside(self.names, self.item.name)
+        blocking = structures.above if self.up else structures.below
+        return blocking(self.names, self.item.name)
 
     @property
     def _over(self) -> tuple[str | None, ...]:
         """The bricks on the side of its approach, which block it."""
         structures = self.design.structures
-        beside = structures.below if self.up else structures.above
-        return beside(self.names, self.item.name)
+        blocking = structures.below if self.up else structures.above
+        return blocking(self.names, self.item.name)
 
     def _blocker(self, press: Press) -> str | None:
         """Return the first brick that blocks a press, or the plate, or NO_ARM."""
         room, arms = self.design.room, self.design.rules.arms
-        found = room.in_the_way(self.item.name, press, self.names, up=self.up)
+        found = room.press_obstacles(self.item.name, press, self.names, up=self.up)
         if arms is not None and not found:
             return arms.blocker(self.item, press, self.names, up=self.up)
         return PLATE if PLATE in found else min(found, default=None)
 
-    def _holds_anywhere(
-        self, insertion_way: InsertionWay, touchable: Names
+    def _possible_holds(
+        self, method: InsertionMethod, touchable: Names
     ) -> tuple[ToolHold, ...]:
         """Return all pushes by which the other arm may support some bricks, none without it."""
-        if not insertion_way.held:
+        if not method.held:
             return ()
         room, name = self.design.room, self.item.name
-        return room.holds_anywhere(name, sorted(touchable), self.names, insertion_way)
+        return room.possible_holds(name, sorted(touchable), self.names, method)
 
-    def _might(self, insertion_way: InsertionWay) -> bool:
+    def _bears_all_presses(self, method: InsertionMethod) -> bool:
         """Tell whether the structure bears all presses together, supported wherever possible."""
-        holds = self._holds_anywhere(insertion_way, self.names) if self.roomy else ()
+        holds = self._possible_holds(method, self.names) if self.roomy else ()
         load = self.load(*self.roomy_presses)
         pressed = self.design.structures.pressed
         return bool(holds) and pressed(self.names, load, holds).stable

@@ -19,7 +19,7 @@ NO_ARM = "the reach of all arms"
 """Placeholder for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
 
 
-class InsertionWay(Enum):
+class InsertionMethod(Enum):
     """Method of pressing a brick on, in order of preference."""
 
     DOWN = "from above"
@@ -30,22 +30,22 @@ class InsertionWay(Enum):
     @property
     def up(self) -> bool:
         """True when the brick is inserted from below."""
-        return self is InsertionWay.UP
+        return self is InsertionMethod.UP
 
     @property
     def holds_from_above(self) -> bool:
         """True when the other arm supports the structure from above."""
-        return self in (InsertionWay.UP, InsertionWay.DOWN_HELD_ABOVE)
+        return self in (InsertionMethod.UP, InsertionMethod.DOWN_HELD_ABOVE)
 
     @property
     def apart(self) -> float:
         """Distance of the other arm's tool from the press [m]."""
-        return _TOOLS_APART if self is InsertionWay.DOWN_HELD_ABOVE else 0.0
+        return _TOOLS_APART if self is InsertionMethod.DOWN_HELD_ABOVE else 0.0
 
     @property
     def held(self) -> bool:
         """True when the other arm supports the structure."""
-        return self is not InsertionWay.DOWN
+        return self is not InsertionMethod.DOWN
 
 
 @dataclass(frozen=True)
@@ -54,17 +54,17 @@ class ArmLimits:
 
     Attributes:
         reaches: tells whether some arm, alone in its cell, reaches a brick with a grip.
-        beside: sets of bricks next to which no arm was found to reach a grip.
+        blocking: sets of bricks next to which no arm was found to reach a grip.
     """
 
     reaches: Callable[[PlacedBrick, Press, bool], bool]
-    beside: Mapping[Grip, tuple[frozenset[str], ...]] = field(default_factory=dict)
+    blocking: Mapping[Grip, tuple[frozenset[str], ...]] = field(default_factory=dict)
 
     def blocker(
         self, item: PlacedBrick, press: Press, names: frozenset[str], *, up: bool
     ) -> str | None:
         """Return what blocks a grip for all arms in a partial structure, None for nothing."""
-        for bricks in self.beside.get((item.name, press, up), ()):
+        for bricks in self.blocking.get((item.name, press, up), ()):
             if bricks <= names:
                 return min(bricks, default=NO_ARM)
         return None if self.reaches(item, press, up) else NO_ARM
@@ -86,7 +86,7 @@ class SequencingRules:
             published skills stop at 15 N (APEX-MR App. C).
         margin: force that presses a knob in over the friction that then holds it: what pushing
             in takes more than holding, and tolerances of worn bricks.
-        alone: names of bricks that must go in without the other arm, as it does not get there.
+        unsupported: names of bricks that must go in without the other arm, as it does not get there.
         search_limit: how many partial structures to look at beyond one for each brick.
         robot: the registered robot whose tool it is.
         types: of bricks that scaffolding may be made of; the built-in ones where empty.
@@ -102,7 +102,7 @@ class SequencingRules:
     plinth: int = 0
     force: float = 15.0
     margin: float = 1.5
-    alone: frozenset[str] = frozenset()
+    unsupported: frozenset[str] = frozenset()
     search_limit: int = 2000
     robot: str = "gp4"
     types: tuple[BrickType, ...] = ()
@@ -110,25 +110,21 @@ class SequencingRules:
     arms: ArmLimits | None = None
 
     @cached_property
-    def allowed(self) -> tuple[InsertionWay, ...]:
+    def allowed(self) -> tuple[InsertionMethod, ...]:
         """The allowed methods of pressing a brick on, in order of preference."""
         choices = {
-            InsertionWay.DOWN: True,
-            InsertionWay.DOWN_HELD_BELOW: self.support,
-            InsertionWay.UP: self.place_up,
-            InsertionWay.DOWN_HELD_ABOVE: self.hold_down,
+            InsertionMethod.DOWN: True,
+            InsertionMethod.DOWN_HELD_BELOW: self.support,
+            InsertionMethod.UP: self.place_up,
+            InsertionMethod.DOWN_HELD_ABOVE: self.hold_down,
         }
-        return tuple(
-            insertion_way for insertion_way in InsertionWay if choices[insertion_way]
-        )
+        return tuple(method for method in InsertionMethod if choices[method])
 
-    def ways_of(self, brick: str) -> tuple[InsertionWay, ...]:
+    def methods_of(self, brick: str) -> tuple[InsertionMethod, ...]:
         """Return the allowed methods for one brick."""
-        if brick not in self.alone:
+        if brick not in self.unsupported:
             return self.allowed
-        return tuple(
-            insertion_way for insertion_way in self.allowed if not insertion_way.held
-        )
+        return tuple(method for method in self.allowed if not method.held)
 
     def press_force(self, engaged: float) -> float:
         """Return the force that presses a brick on [N].

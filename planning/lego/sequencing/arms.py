@@ -146,7 +146,7 @@ def sequence_for_arms(
         undone = len(candidates.problem.impossible)
         since = 0 if undone < fewest else since + 1
         fewest = min(fewest, undone)
-        learnt = _learnt(now, reach)
+        learnt = _refined_rules(now, reach)
         if learnt is None or since == _PATIENCE:
             break
         rules = learnt
@@ -154,30 +154,30 @@ def sequence_for_arms(
     return first
 
 
-def _learnt(now: ArmSequence, reach: GripReach) -> SequencingRules | None:
+def _refined_rules(now: ArmSequence, reach: GripReach) -> SequencingRules | None:
     """Return rules that exclude what the arms cannot do, None where nothing is learnt."""
     rules, names = now.rules, [item.name for item in now.found.sequence]
     impossible = now.candidates.problem.impossible
-    beside = dict(rules.arms.beside) if rules.arms else {}
-    alone = set(rules.alone)
+    blocking = dict(rules.arms.blocking) if rules.arms else {}
+    unsupported = set(rules.unsupported)
     for number in impossible:
         item = now.found.sequence[number - 1]
-        if item.step.supports and item.name not in alone:
-            alone.add(item.name)
+        if item.step.supports and item.name not in unsupported:
+            unsupported.add(item.name)
             continue
         for press in item.step.presses:
-            bricks = _beside(now.candidates, number, press, names)
+            bricks = _common_blockers(now.candidates, number, press, names)
             grip: Grip = (item.name, press, item.step.up)
-            if bricks is not None and bricks not in beside.get(grip, ()):
-                beside[grip] = (*beside.get(grip, ()), bricks)
+            if bricks is not None and bricks not in blocking.get(grip, ()):
+                blocking[grip] = (*blocking.get(grip, ()), bricks)
     # Where arms only do not get to supports, all else is as the tool alone decides it.
     plain = any(not now.found.sequence[k - 1].step.supports for k in impossible)
-    arms = ArmLimits(reach, beside) if plain or rules.arms or beside else None
-    more = replace(rules, alone=frozenset(alone), arms=arms)
+    arms = ArmLimits(reach, blocking) if plain or rules.arms or blocking else None
+    more = replace(rules, unsupported=frozenset(unsupported), arms=arms)
     return None if more == rules else more
 
 
-def _beside(
+def _common_blockers(
     candidates: LegoCandidates, number: int, press: Press, names: Sequence[str]
 ) -> frozenset[str] | None:
     """Return the bricks that blocked a grip of a step for all arms, None where an arm can reach it.

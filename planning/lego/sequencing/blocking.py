@@ -23,7 +23,7 @@ from planning.handling.skill_targets import SkillTargets, skill_postures
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.insertion.insertion import Insertions
-from planning.lego.insertion.rules import NO_ARM, InsertionWay
+from planning.lego.insertion.rules import NO_ARM, InsertionMethod
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, support_targets
 from planning.lego.stability.partial_structures import Names
@@ -92,7 +92,9 @@ class Refusal:
 
     def blocked(self, core: Names) -> str:
         """Return the reason why bricks block each other: none of them can be inserted last."""
-        lines = self._lines((self._why_never(core, name), name) for name in core)
+        lines = self._lines(
+            (self._structural_refusal(core, name), name) for name in core
+        )
         if len(core) == 1:
             return f"no order of assembly exists: this brick cannot go in\n{lines}"
         return (
@@ -103,7 +105,7 @@ class Refusal:
     def dead_end(self, parts: Names) -> str:
         """Return the reason why no brick of a partial structure can be inserted last."""
         names = parts | self._fixed
-        return self._lines((self._why_not(names, name), name) for name in parts)
+        return self._lines((self._refusal_reason(names, name), name) for name in parts)
 
     def _lines(self, whys: Iterable[tuple[tuple[int, str], str]]) -> str:
         """Return one line per brick, those that others wait for first."""
@@ -117,7 +119,7 @@ class Refusal:
         lines = [f"{self.place(name)}: {reason}" for (_, reason), name in ordered]
         return indent(format_faults(lines), "  ")
 
-    def _why_never(self, core: Names, name: str) -> tuple[int, str]:
+    def _structural_refusal(self, core: Names, name: str) -> tuple[int, str]:
         """Return the reason why a brick cannot be inserted next to others in any structure."""
         names, design = core | self._fixed, frozenset(self._structures.bricks)
         below, above = self._structures.below, self._structures.above
@@ -132,16 +134,16 @@ class Refusal:
             elif up and not self._rules.place_up:
                 reason = "placing from below is not allowed"
             else:
-                reason = self._why_not_borne(names, name, up=up)
+                reason = self._explain_overload(names, name, up=up)
             reasons.append(reason)
         return waits, "; ".join(reasons)
 
-    def _why_not_borne(self, names: Names, name: str, *, up: bool) -> str:
+    def _explain_overload(self, names: Names, name: str, *, up: bool) -> str:
         way = "from below" if up else "from above"
         site = self._insertions.at(names, name, up=up)
         if not site.roomy:
             return f"{way} {_no_room(site.blocker())}"
-        alternatives = [each for each in self._rules.ways_of(name) if each.up == up]
+        alternatives = [each for each in self._rules.methods_of(name) if each.up == up]
         bearings = [b for b in map(site.prospect, alternatives) if b is not None]
         if not bearings:
             return f"{way} no spot for the other arm has room"
@@ -153,7 +155,7 @@ class Refusal:
             f"{max(best.bears, 0.0):.1f} N at most, wherever it is pressed{held}"
         )
 
-    def _why_not(self, names: Names, name: str) -> tuple[int, str]:
+    def _refusal_reason(self, names: Names, name: str) -> tuple[int, str]:
         """Return the reason why a brick cannot be inserted last, after the rank of the reason."""
         rest = names - {name}
         if not self._structures.stands(rest):
@@ -182,7 +184,7 @@ class Refusal:
             f"the structure gives way under the press of {best.needed:.1f} N (it bears "
             f"{max(best.bears, 0.0):.1f} N)"
         )
-        if InsertionWay.DOWN_HELD_BELOW not in self._rules.ways_of(name):
+        if InsertionMethod.DOWN_HELD_BELOW not in self._rules.methods_of(name):
             return 0, f"{gives}, and support is not allowed"
         return 0, f"{gives}, and no supporting tool below has room and helps"
 

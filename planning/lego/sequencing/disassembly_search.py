@@ -15,7 +15,7 @@ from itertools import groupby, product
 from typing import Generic, TypeVar
 
 from planning.lego.insertion.insertion import Insertion, Insertions
-from planning.lego.insertion.rules import InsertionWay
+from planning.lego.insertion.rules import InsertionMethod
 from planning.lego.stability.partial_structures import Names
 
 Part = TypeVar("Part", bound=Hashable)
@@ -80,20 +80,20 @@ def find_assembly_sequence(
     dead_end: frozenset[Part] | None = None
     visited = 1
     # Sets of parts, each with the removal that led there and those to try from there.
-    way: list[
+    stack: list[
         tuple[
             frozenset[Part],
             tuple[Removal[Part, How], ...],
             Iterator[Removal[Part, How]],
         ]
     ]
-    way = [(whole, (), iter(removals(whole) if whole else ()))]
-    while way and way[-1][0]:
-        here, _, pending = way[-1]
+    stack = [(whole, (), iter(removals(whole) if whole else ()))]
+    while stack and stack[-1][0]:
+        here, _, pending = stack[-1]
         step = next((r for r in pending if here - {r.part} not in failed), None)
         if step is None:
             failed.add(here)
-            way.pop()
+            stack.pop()
             if dead_end is None or len(here) < len(dead_end):
                 dead_end = here
         elif visited >= limit:
@@ -101,9 +101,9 @@ def find_assembly_sequence(
         else:
             visited += 1
             rest = here - {step.part}
-            way.append((rest, (step,), iter(removals(rest) if rest else ())))
-    steps = tuple(step for _, steps, _ in reversed(way) for step in steps)
-    return DisassemblySearch(steps if way else None, dead_end, visited, True)
+            stack.append((rest, (step,), iter(removals(rest) if rest else ())))
+    steps = tuple(step for _, steps, _ in reversed(stack) for step in steps)
+    return DisassemblySearch(steps if stack else None, dead_end, visited, True)
 
 
 class Removals:
@@ -139,9 +139,9 @@ class Removals:
 
         ordered = sorted(parts, key=order)
         for _, group in groupby(ordered, key=lambda name: order(name)[:2]):
-            for way, brick in product(InsertionWay, tuple(group)):
-                if way not in self._insertions.rules.ways_of(brick):
+            for method, brick in product(InsertionMethod, tuple(group)):
+                if method not in self._insertions.rules.methods_of(brick):
                     continue
-                insertion = self._insertions.last(names, brick, way)
+                insertion = self._insertions.last(names, brick, method)
                 if insertion is not None:
                     yield Removal(brick, insertion)

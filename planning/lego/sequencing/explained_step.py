@@ -27,7 +27,7 @@ class ExplainedStep:
         holds: of the support that it prefers.
         needed: force that it takes [N].
         bears: largest force that the structure bears, up to ``MOST`` [N].
-        alone: the same without the support [N].
+        bears_unsupported: the same without the support [N].
         report: the joints that are pulled by the force that it takes.
         temporary: names of the bricks that only help, and do not stay.
     """
@@ -38,19 +38,19 @@ class ExplainedStep:
     holds: tuple[ToolHold, ...]
     needed: float
     bears: float
-    alone: float
+    bears_unsupported: float
     report: StabilityReport
     temporary: frozenset[str]
 
     @property
-    def strain(self) -> dict[str, float]:
+    def friction_shares(self) -> dict[str, float]:
         """The largest share of friction that any joint of each brick uses."""
-        strain = dict.fromkeys((item.name for item in self.bricks), 0.0)
+        friction_shares = dict.fromkeys((item.name for item in self.bricks), 0.0)
         for first, second, share in self.report.pulled:
             for name in (first, second):
                 if name is not None:
-                    strain[name] = max(strain[name], share)
-        return strain
+                    friction_shares[name] = max(friction_shares[name], share)
+        return friction_shares
 
 
 def explain_step(

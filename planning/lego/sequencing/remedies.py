@@ -7,13 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice, product
 
-from planning.lego.bricks.assembly import (
-    BRICKS,
-    BrickType,
-    Cell,
-    GridPlace,
-    PlacedBrick,
-)
+from planning.lego.bricks.assembly import BrickType, Cell, GridPlace, PlacedBrick
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.sequencing.blocking import blocked_parts, smallest_blocking_set

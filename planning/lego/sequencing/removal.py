@@ -55,12 +55,12 @@ def find_unremovable_bricks(
     known = {item.name: item for item in bricks}
     filled = {place: item.name for item in known.values() for place in item.places}
     left = sorted(helpers, key=lambda name: (known[name].cell.level, name))
-    ways: dict[str, _WayOut] = {}
+    searches: dict[str, _ExitSearch] = {}
     while left:
         kept = []
         for name in left:
-            ways[name] = way = _WayOut.of(known[name], filled)
-            if way.outside:
+            searches[name] = search = _ExitSearch.of(known[name], filled)
+            if search.outside:
                 for place in known[name].places:
                     del filled[place]
             else:
@@ -69,13 +69,13 @@ def find_unremovable_bricks(
             break
         left = kept
     return tuple(
-        UnremovableBrick(known[name], tuple(known[n] for n in ways[name].hits))
+        UnremovableBrick(known[name], tuple(known[n] for n in searches[name].hits))
         for name in left
     )
 
 
 @dataclass(frozen=True)
-class _WayOut:
+class _ExitSearch:
     """Search for an exit path of a brick among others.
 
     Attributes:
@@ -87,7 +87,7 @@ class _WayOut:
     hits: tuple[str, ...]
 
     @staticmethod
-    def of(item: PlacedBrick, filled: Mapping[GridPlace, str]) -> _WayOut:
+    def of(item: PlacedBrick, filled: Mapping[GridPlace, str]) -> _ExitSearch:
         """Search all paths of a brick along the grid, straight ones first."""
         own, span = item.places, item.span
         around = _bounds(place for place in filled if place not in own)
@@ -110,15 +110,18 @@ class _WayOut:
         while todo:
             at = todo.pop()
             if around is None or _is_outside(span, at, around):
-                return _WayOut(True, ())
-            # Off its knobs it may move aside: neither its own nor those of others are in the way.
-            ways = _ASIDE if at != (0, 0, 0) and clear(at, 1) else ()
-            for way, margin in (*((w, 1) for w in ways), *((w, 0) for w in _VERTICAL)):
-                after = (at[0] + way[0], at[1] + way[1], at[2] + way[2])
+                return _ExitSearch(True, ())
+            # Off its knobs it may move sideways: neither its own nor those of others are in the way.
+            moves = _ASIDE if at != (0, 0, 0) and clear(at, 1) else ()
+            for move, margin in (
+                *((w, 1) for w in moves),
+                *((w, 0) for w in _VERTICAL),
+            ):
+                after = (at[0] + move[0], at[1] + move[1], at[2] + move[2])
                 if after not in seen and clear(after, margin):
                     seen.add(after)
                     todo.append(after)
-        return _WayOut(False, tuple(hits))
+        return _ExitSearch(False, tuple(hits))
 
 
 def _bounds(places: Iterable[GridPlace]) -> GridSpan | None:

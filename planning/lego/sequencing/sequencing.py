@@ -16,7 +16,7 @@ from textwrap import indent
 from planning.errors import InfeasibleStepError, UndecidedError, format_faults
 from planning.lego.bricks.assembly import LegoStep, PlacedBrick
 from planning.lego.insertion.insertion import MOST_SPOTS, Insertion
-from planning.lego.insertion.rules import InsertionWay, SequencingRules
+from planning.lego.insertion.rules import InsertionMethod, SequencingRules
 from planning.lego.sequencing.blocking import Refusal
 from planning.lego.sequencing.disassembly_search import (
     DisassemblySearch,
@@ -200,7 +200,7 @@ def _described(
     for removal in found.steps or ():
         name, chosen = removal.part, removal.how
         names |= {name}
-        site = design.insertions.at(names, name, up=chosen.way.up)
+        site = design.insertions.at(names, name, up=chosen.method.up)
         step = replace(site.step(chosen), temporary=name in temporary)
         reason = _reason(design, names, name, chosen)
         yield SequencedStep(name, step, reason, chosen.bearing.needed)
@@ -208,12 +208,12 @@ def _described(
 
 def _reason(design: Design, names: Names, name: str, chosen: Insertion) -> str:
     force = f"{chosen.bearing.needed:.1f} N"
-    if chosen.way is InsertionWay.UP:
+    if chosen.method is InsertionMethod.UP:
         above = design.structures.above(names, name)[0]
         item = design.structures.bricks[above]
         place = f"{above!r} ({item.brick.name} at {item.cell.words})"
         return f"it hangs below {place}, with nothing under it"
-    if chosen.way.held:
+    if chosen.method.held:
         return f"pressed with {force} from above alone, the structure would give way"
     return f"the structure bears the press of {force} from above"
 

@@ -16,7 +16,7 @@ from planning.errors import InfeasibleStepError, format_faults
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
 from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.insertion.insertion import Insertions, InsertionSite
-from planning.lego.insertion.rules import InsertionWay, SequencingRules
+from planning.lego.insertion.rules import InsertionMethod, SequencingRules
 from planning.lego.sequencing.removal import UnremovableBrick, find_unremovable_bricks
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.statics.equilibrium import StabilityReport
@@ -156,11 +156,11 @@ class StepChoices:
     def _better_supports(self) -> list[str]:
         if not self.step.up and not self.site.design.rules.support:
             return []
-        way = InsertionWay.UP if self.step.up else InsertionWay.DOWN_HELD_BELOW
+        method = InsertionMethod.UP if self.step.up else InsertionMethod.DOWN_HELD_BELOW
         found = (
             _entry({**s.cell.entry, "orientation": s.orientation})
             for press in self.grips
-            for insertion in self.site.insertions(press, way)
+            for insertion in self.site.insertions(press, method)
             if (s := insertion.support) is not None
         )
         return list(islice(dict.fromkeys(found), _HINTS))

@@ -64,7 +64,7 @@ _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""
 
 
-def _once(
+def _cached(
     find: Callable[Concatenate[BrickSkills, Key], Answer],
 ) -> Callable[Concatenate[BrickSkills, Key], Answer]:
     """Cache the results of a method per arguments."""
@@ -107,7 +107,7 @@ class BrickSkills:
         numbers = self.world.goal_numbers
         return min((numbers[k] for k in skill.gone if k in numbers), default=None)
 
-    @_once
+    @_cached
     def pick(self, robot: str, stock: str, grasp: int) -> Found:
         """Return the pick of a brick of the stock (name) by a robot (name), with a grip (number)."""
         world = self.world
@@ -213,13 +213,13 @@ class BrickSkills:
         frames = self.world.cell.robot(robot).model.frames
         return BrickGrip(frames, kind, top, press_from_number(grasp))
 
-    @_once
+    @_cached
     def place(
-        self, robot: str, step: int, grasp: int, beside: SupportCandidate | None
+        self, robot: str, step: int, grasp: int, supporter: SupportCandidate | None
     ) -> Found:
         """Return the place of a step (from 1) by a robot, with a grip (number).
 
-        ``beside`` is the robot that supports meanwhile; None when all others are at HOME.
+        ``supporter`` is the robot that supports meanwhile; None when all others are at HOME.
         """
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
@@ -229,11 +229,11 @@ class BrickSkills:
             robot, item, at_goal.pose, press, others, world.cell.fixtures
         )
         standing = dict(self.home)
-        if beside is not None:
-            support = self.support(beside.robot, step, beside.pose)
+        if supporter is not None:
+            support = self.support(supporter.robot, step, supporter.pose)
             assert isinstance(support, ResolvedSkill), support
-            standing[beside.robot] = support.path.path[-1]
-            touching |= self.supported(beside.robot, step, beside.pose)
+            standing[supporter.robot] = support.path.path[-1]
+            touching |= self.supported(supporter.robot, step, supporter.pose)
         held = self._placed(robot, step, grasp).held(up=work.up)
         scene = SkillScene(
             world.cell,
@@ -246,18 +246,18 @@ class BrickSkills:
         )
         alternatives = (
             self.place_targets(robot, step, grasp, attack, height)
-            for height, attack in product(*self._ways_to_place(step, grasp))
+            for height, attack in product(*self._approach_options(step, grasp))
         )
         return resolve_skill(
             world.cell.robot(robot), alternatives, scene, world.loose_stock
         )
 
-    @_once
+    @_cached
     def least_pick(self, robot: str, stock: str, grasp: int) -> float:
         """Return the least joint distance from HOME to the grasp of a pick, ignoring obstacles."""
         return self._least(robot, [self.pick_targets(robot, stock, grasp)])
 
-    @_once
+    @_cached
     def near_place(self, robot: str, step: int, grasp: int) -> float:
         """Return a cheap lower bound of ``least_place``: the joint distance to the pose alone.
 
@@ -267,10 +267,10 @@ class BrickSkills:
         found = inverse_kinematics(placed, goal.frame, goal.pose, placed.home)
         return joint_distance(placed.home, found[0]) - _ALIKE if found else 0.0
 
-    @_once
+    @_cached
     def least_place(self, robot: str, step: int, grasp: int) -> float:
         """Return the least joint distance from HOME to the release of a place, ignoring obstacles."""
-        alternatives = product(*self._ways_to_place(step, grasp))
+        alternatives = product(*self._approach_options(step, grasp))
         return self._least(
             robot,
             [
@@ -279,13 +279,13 @@ class BrickSkills:
             ],
         )
 
-    def _least(self, robot: str, ways: Iterable[SkillTargets]) -> float:
+    def _least(self, robot: str, alternatives: Iterable[SkillTargets]) -> float:
         """Return the least cost of skills in any posture, infinite where there is none.
 
         What comes after the contact may rule postures out, but adds none.
         """
         least = math.inf
-        for targets in ways:
+        for targets in alternatives:
             assert targets.change_at is not None
             begun = replace(targets, subgoals=targets.subgoals[: targets.change_at + 1])
             for path in skill_postures(self.world.cell.robot(robot), begun):
@@ -293,7 +293,7 @@ class BrickSkills:
                     least = min(least, joint_distance(self.home[robot], path.contact))
         return least
 
-    def _ways_to_place(
+    def _approach_options(
         self, step: int, grasp: int
     ) -> tuple[tuple[float, ...], tuple[int, ...]]:
         """Return the heights and sides of the approach, in the order to try."""
@@ -311,7 +311,7 @@ class BrickSkills:
         own = {goal_name(step): world.step(step)}
         return support_contacts(robot, support, {**bricks, **own})
 
-    @_once
+    @_cached
     def support(self, robot: str, step: int, choice: int) -> Found:
         """Return the support of a step by a robot, by its number, see ``LegoStep.supports``.
 
@@ -331,11 +331,12 @@ class BrickSkills:
             world.cell, {}, self.home, contacts, standing=standing, tool=self._tool
         )
         further = (
-            _drawn_back(way, back) for back, way in product(_DRAWN_BACK, alternatives)
+            _drawn_back(targets, back)
+            for back, targets in product(_DRAWN_BACK, alternatives)
         )
         return resolve_skill(world.cell.robot(robot), further, scene, world.loose_stock)
 
-    @_once
+    @_cached
     def handover(
         self, giver: str, receiver: str, step: int, grasp: int
     ) -> Handover | Obstruction:

@@ -139,12 +139,12 @@ class BrickCollector(CandidateCollector):
     def add(self, step: int) -> None:
         """Add the candidates of a step: primary robot, giver for a place-up, brick and grip."""
         supports = self._add_supports(step)
-        ways: Iterable[tuple[str, str | None]] = (
+        transfers: Iterable[tuple[str, str | None]] = (
             permutations(self.home, 2)
             if self.world.step(step).up
             else product(self.home, [None])
         )
-        for robot, giver in ways:
+        for robot, giver in transfers:
             count, picker = 0, giver or robot
             proven: dict[
                 str, float
@@ -156,7 +156,9 @@ class BrickCollector(CandidateCollector):
                 if count >= _SPARE:
                     for bound in (self.skills.near_place, self.skills.least_place):
                         least = bound(robot, step, grasp) if stocks else math.inf
-                        stocks = self._promising(picker, grasp, stocks, least, proven)
+                        stocks = self._competitive_bricks(
+                            picker, grasp, stocks, least, proven
+                        )
                     if not stocks:
                         continue
                 place = self._place(robot, step, grasp, supports)
@@ -173,7 +175,9 @@ class BrickCollector(CandidateCollector):
                     cost += joint_distance(self.home[robot], handover.receive)
                 first = len(self.primaries)
                 if count >= _SPARE:
-                    stocks = self._promising(picker, grasp, stocks, cost, proven)
+                    stocks = self._competitive_bricks(
+                        picker, grasp, stocks, cost, proven
+                    )
                 for stock in stocks:
                     pick = self._pick(step, picker, stock, grasp)
                     if pick is not None:
@@ -192,7 +196,7 @@ class BrickCollector(CandidateCollector):
                         known = proven.get(item.object, math.inf)
                         proven[item.object] = min(item.cost, known)
 
-    def _promising(
+    def _competitive_bricks(
         self,
         picker: str,
         grasp: int,
@@ -257,15 +261,15 @@ class BrickCollector(CandidateCollector):
         self, robot: str, step: int, grasp: int, supports: dict[int, SupportCandidate]
     ) -> ResolvedSkill | None:
         """Return the cheapest place, alone or next to any of the supports."""
-        beside: list[SupportCandidate | None] = [None]
+        choices: list[SupportCandidate | None] = [None]
         if self.world.step(step).up or self.world.step(step).supports:
-            beside = [
+            choices = [
                 item
                 for item in supports.values()
                 if item.robot != robot
-                and self.world.go_together(step, grasp, item.pose)
+                and self.world.are_compatible(step, grasp, item.pose)
             ]
-        found = [self.skills.place(robot, step, grasp, support) for support in beside]
+        found = [self.skills.place(robot, step, grasp, support) for support in choices]
         places = [option for option in found if isinstance(option, ResolvedSkill)]
         if places:
             return min(places, key=lambda option: self.cost(option.path))
@@ -300,7 +304,7 @@ class BrickCollector(CandidateCollector):
         for index, item in supports.items():
             if item.robot == robot or not newest:
                 continue
-            if self.world.go_together(step, grasp, item.pose):
+            if self.world.are_compatible(step, grasp, item.pose):
                 option = self.skills.place(robot, step, grasp, item)
                 words = f"{robot} places beside {item.robot}, {_grip(grasp)}"
                 if self.accept(step, words, option, robot) is not None:

@@ -132,7 +132,7 @@ def _bricks_taken(
         An object for each step, and the number of a brick by station.
     """
     number = dict.fromkeys(stations, 1)
-    for name in plan.there:
+    for name in plan.present:
         if (source := station_of(name, stations)) != name:
             number[source] = max(number[source], int(name.rpartition(".")[2]))
     names: list[str] = []
@@ -191,16 +191,16 @@ class _ChosenBrickStep:
         held = inverse(self._flange(robot, option.path.contact)) @ start
         item = self.world.stock[source]
         near = self.world.cells_near_stock(source, self.choice.step)
-        beside = self._standing(near)
+        neighbours = self._standing(near)
         if self.refill is not None:
-            beside.pop(self.refill.name)
+            neighbours.pop(self.refill.name)
         touched, grazed = self._touched(option)
         return PlannedSkill(
             option.path,
             f"to {brick}",
             f"pick {brick}",
             held,
-            self._at_rest(robot, item, start, beside) | touched,
+            self._at_rest(robot, item, start, neighbours) | touched,
             grazed,
             self.refill,
         )

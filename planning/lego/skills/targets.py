@@ -22,7 +22,6 @@ from planning.geometry.robot_bodies import entity_name
 from planning.handling.skill_contacts import grip_contact
 from planning.handling.skill_targets import SkillTargets, Subgoal
 from planning.lego.bricks.assembly import (
-    BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
@@ -34,6 +33,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_grips import grip_pose, lever_cell, side_contact_pose
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import box_from_top, brick_height, plate_corner, top_pose
 from planning.steps.skill import Pairs, contacts_with
 from planning.transforms import Transform, inverse, rotation, translation
@@ -207,12 +207,12 @@ def place_targets(
     """
     goal = grip.place(up=up)
     if up:
-        alt, aside = goal.pose, -0.005 * attack
+        alt, sideways = goal.pose, -0.005 * attack
         axis = grip.via(alt, "alt", "alt_assemble")
         turned = axis @ rotation("y", twist["place-up"])
         subgoals = (
-            Subgoal("pre", "alt", alt @ translation(0.0056, aside, -0.025)),
-            Subgoal("approach", "alt", alt @ translation(0.0056, aside, -0.005)),
+            Subgoal("pre", "alt", alt @ translation(0.0056, sideways, -0.025)),
+            Subgoal("approach", "alt", alt @ translation(0.0056, sideways, -0.005)),
             Subgoal("below", "alt", alt @ translation(0.0028, 0.0, 0.0)),
             goal,
             Subgoal("twist", "alt_assemble", turned),
@@ -222,9 +222,9 @@ def place_targets(
     tool, angle = goal.pose, -twist["place-down"]
     axis = grip.via(tool, "tool", "assemble")
     turned = axis @ rotation("y", angle)
-    aside = 0.005 * attack
+    sideways = 0.005 * attack
     subgoals = (
-        Subgoal("approach", "tool", tool @ translation(-0.005, aside, -height)),
+        Subgoal("approach", "tool", tool @ translation(-0.005, sideways, -height)),
         Subgoal("above", "tool", tool @ translation(0.0, 0.0, -0.005)),
         goal,
         Subgoal("half twist", "assemble", axis @ rotation("y", angle / 2)),
@@ -367,10 +367,10 @@ def resting_contacts(
     name, span = item.name, item.span
     around = [other for other in _bordering(span, others, levels=1) if other != name]
     under = [one.name for one in fixtures if _carries(one, item.brick, pose)]
-    beside = _bordering(span, others, levels=0)
+    neighbours = _bordering(span, others, levels=0)
     if lever_reaches_below(item.brick):
         lever = PlacedBrick("", BRICKS["1x2"], lever_cell(item, press)).span
-        beside += [
+        neighbours += [
             other
             for other in _bordering(lever, others, levels=1)
             if not lever.shares_studs(others[other].span)
@@ -378,7 +378,7 @@ def resting_contacts(
     return (
         grip_contact(robot, name)
         | contacts_with(name, [*around, *under])
-        | contacts_with(entity_name(robot, "tool"), beside)
+        | contacts_with(entity_name(robot, "tool"), neighbours)
     )
 
 

@@ -204,7 +204,7 @@ class PartialStructures:
         The brick is among the names; its own joints push but do not pull yet.
         """
         needed = abs(load.force[2])
-        if not holds and self._goes_through(names, load):
+        if not holds and self._is_carried_by_compression(names, load):
             stands = self.stands(names - {load.body})
             return PressBearing(needed, needed if stands else -1.0)
         return PressBearing(needed, self._program.bears(_case(names, load, holds)))
@@ -218,7 +218,7 @@ class PartialStructures:
         harm: what is not borne here is borne by no partial structure.
         """
         needed = abs(load.force[2])
-        if self._goes_through(names, load):
+        if self._is_carried_by_compression(names, load):
             return PressBearing(needed, needed)
         case = replace(_case(names, load, holds), weighing=())
         return PressBearing(needed, self._program.bears(case))
@@ -229,7 +229,7 @@ class PartialStructures:
         """Return the friction demand of a partial structure, and where it fails first."""
         return self._program.least_pull(_case(names, load, holds))
 
-    def _goes_through(self, names: Names, load: Load) -> bool:
+    def _is_carried_by_compression(self, names: Names, load: Load) -> bool:
         """Return True when press and weight are carried down to the plate by compression alone."""
         if load.force[2] > 0.0:
             return False

@@ -176,13 +176,13 @@ def set_total_mass(
     Raises:
         RobotModelError: a mass of the description is no number.
     """
-    told = [
+    given = [
         (mass, mass.get("value", "0")) for mass in body.findall("link/inertial/mass")
     ]
-    masses = [parse_number(value, "mass of a link") for _, value in told]
+    masses = [parse_number(value, "mass of a link") for _, value in given]
     if sum(masses) > 0.0:
         share = mass / sum(masses)
-        for (element, _), own in zip(told, masses, strict=True):
+        for (element, _), own in zip(given, masses, strict=True):
             element.set("value", repr(own * share))
         for inertia in body.findall("link/inertial/inertia"):
             for key in _INERTIAS:

@@ -181,21 +181,21 @@ def fitted_description(
     dirs = search_folders(path, package_dirs)
     known = written_options(root) or options
     checked_tree(root, path, dirs, free_kinds(root))
-    with _at_fault("joints", bool(fitting.held)):
+    with _located_errors("joints", bool(fitting.held)):
         hold_joints(root, path, {**known.frozen, **fitting.held})
-    with _at_fault("limits", fitting.limits != GivenLimits()):
+    with _located_errors("limits", fitting.limits != GivenLimits()):
         _write_limits(root, path, known, fitting.limits)
     _complete_limits(root)
     arm = serial_chain(root, path, package_dirs)
-    with _at_fault("flange", fitting.flange is not None):
+    with _located_errors("flange", fitting.flange is not None):
         flange = flange_link(arm, fitting.flange or known.flange_link)
     if fitting.flange in (None, known.flange_link):
         flange = _with_offset(root, flange, known.flange_offset)
-    else:  # what is known of the tool is told in the frame of another flange
+    else:  # what is known of the tool is given in the frame of another flange
         known = replace(known, frames=None)
     _meshes_in_full(root, dirs)
     if fitting.tool is not None:
-        with _at_fault("tool", True):
+        with _located_errors("tool", True):
             _take_off(root, frozenset(known.tool_links or ()), flange, path)
             links, frames = _mount(root, flange, fitting.tool)
         grip = fitting.tool.grip
@@ -217,7 +217,7 @@ def fitted_description(
 
 
 @contextmanager
-def _at_fault(key: str, given: bool) -> Iterator[None]:
+def _located_errors(key: str, given: bool) -> Iterator[None]:
     """Add the key of the cell at fault to errors, where it is given."""
     try:
         yield

@@ -26,6 +26,14 @@ SIZES = {
     "length": (1e-6, 1000.0, 1),
     "scale": (1e-9, 1e6, 3),
 }
+SHAPES = {
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "sphere": ("radius",),
+    "mesh": ("filename",),
+}
+"""Shapes of URDF, each with its required attributes."""
+
 _PLACES = {"xyz": (0.0, 1000.0, 3), "rpy": (0.0, 1e4, 3)}
 
 
@@ -100,10 +108,6 @@ def _bare_name(name: str) -> str:
     for scheme in ("file://", "package://", "model://"):
         name = name.removeprefix(scheme)
     return name
-
-
-SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-SHAPES |= {"mesh": ("filename",)}
 
 
 def check_numbers(root: Element, path: Path) -> None:

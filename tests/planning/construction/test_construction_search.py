@@ -54,7 +54,7 @@ ROOT = Path(__file__).parents[3]
 class _Able(ReachBounds):
     """Says that every robot reaches everything, and hands over to any other."""
 
-    def alone(self, part: Part) -> tuple[str, ...]:
+    def able_alone(self, part: Part) -> tuple[str, ...]:
         return self.problem.team
 
     def can_hand_over(

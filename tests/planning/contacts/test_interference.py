@@ -365,7 +365,7 @@ def test_a_peg_in_a_bore_can_go_as_far_as_the_circle_of_its_axis_reaches(
     peg = thing(Cylinder(0.005 - room, 0.03), at @ translation(*off))
     found = play_in_place(peg, {"block": block}, at[:3, :3] @ DOWN)
     assert found is not None
-    assert found.beside == ("block",)
+    assert found.guides == ("block",)
     assert found.free.max() <= room * (1.0 + share) + 1e-6
     assert found.least == pytest.approx(room * (1.0 - share), abs=0.03 * room + 1e-6)
     # All around together they are the diameter, whichever way through the centre.
@@ -395,7 +395,7 @@ def test_what_it_rests_on_does_not_hold_it_and_a_press_has_no_play() -> None:
     found = play_in_place(key, {"table": table, "slot": slot(0.01996)}, DOWN)
     assert found is not None
     assert found.words == "pressed in by 0.02 mm"
-    assert found.beside == ("slot",)
+    assert found.guides == ("slot",)
     assert found.chance(0.0001) is None
 
 

@@ -90,7 +90,7 @@ def test_both_limits_are_sums_over_the_area_of_contact() -> None:
     assert load is not None
     assert load.force == pytest.approx(MASS * STANDARD_GRAVITY)
     assert load.torque == pytest.approx(MASS * STANDARD_GRAVITY * 0.1)
-    assert load.lever == pytest.approx(0.1)
+    assert load.moment_arm == pytest.approx(0.1)
     # Fingers reach to the middle of the bar: they touch 20 by 20 mm.
     rng = np.random.default_rng(1)
     points = rng.uniform(-0.5 * PAD, 0.5 * PAD, (200_000, 2))
@@ -179,14 +179,14 @@ def test_fingers_sweep_all_places_between_open_and_closed(
         moved += 1
         y = ((own.body.vertices - tip[:3, 3]) @ tip[:3, :3])[:, 1]
         pad, sign = pads.sides[0 if y.min() >= 0 else 1], -1.0 if y.min() >= 0 else 1.0
-        assert pad.way is not None
+        assert pad.travel is not None
         faces = ConvexHull(room.body.vertices).equations
         for share in (0.0, 0.37, 1.0):
-            at = own.body.vertices + share * sign * pad.way * tip[:3, 1]
+            at = own.body.vertices + share * sign * pad.travel * tip[:3, 1]
             assert np.max(at @ faces[:, :3].T + faces[:, 3]) < 1e-9
         size = np.prod(own.body.high - own.body.low)
         thick = np.ptp(own.body.vertices @ tip[:3, 1])
-        volume = size * (1.0 + pad.way / thick)
+        volume = size * (1.0 + pad.travel / thick)
         assert ConvexHull(room.body.vertices).volume == pytest.approx(volume)
     assert moved == 2
 

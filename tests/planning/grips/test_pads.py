@@ -156,13 +156,13 @@ def test_pads_touch_when_a_linear_program_says_so(
         first = min((way for way in directions if way is not None), default=np.inf)
         swept = [np.vstack([body, body + most * closing]) for body in bodies]
         gap = min(apart(one, piece) for one in swept for piece in pieces)
-        if pad.way is None:
+        if pad.travel is None:
             assert gap > BESIDE - 2e-5
             assert np.linalg.norm(pad.miss) == pytest.approx(gap, abs=3e-5)
         elif gap > 2e-5:
             assert gap < BESIDE + 2e-5  # it grazes the part
         elif gap < 1e-7 and first < most - 1e-5:
-            assert pad.way == pytest.approx(first, abs=1e-5)
+            assert pad.travel == pytest.approx(first, abs=1e-5)
 
 
 BLOCK = box_shape("block", (0.03, 0.03, 0.02))
@@ -215,7 +215,7 @@ def test_fingers_drawn_in_a_part_are_followed_from_outside() -> None:
     for off in (0.0, 0.003):
         pads = pads_at(*hand(off=off), wide, DOWN)
         assert pads is not None
-        directions = [pad.way for pad in pads.sides]
+        directions = [pad.travel for pad in pads.sides]
         assert directions == pytest.approx([-0.002 - off, -0.002 + off], abs=1e-5) or (
             directions == pytest.approx([-0.002 + off, -0.002 - off], abs=1e-5)
         )

@@ -5,8 +5,9 @@ from types import MappingProxyType
 
 from hypothesis import strategies as st
 
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
+from planning.lego.bricks.assembly import BrickType, Cell, PlacedBrick
 from planning.lego.bricks.brick_grips import legal_presses
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.skills.targets import BrickGrip
 from planning.transforms import Transform, from_rpy
 

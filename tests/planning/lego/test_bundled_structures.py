@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
+from planning.lego.bricks.assembly import Cell, PlacedBrick
 from planning.lego.bricks.brick_grips import check_press, press_cell
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.skills.targets import supported_span
 from twin.kinds.lego.kind import build_lego, build_structure

@@ -217,7 +217,7 @@ def test_sizes_that_nothing_has_are_refused(
         assert mesh_form(file, 1.0).volume == pytest.approx(edge**3)
     missing = np.array([[np.nan, 0, 0], [1, 0, 0], [0, 1, 0]])
     file.write_bytes(stl(missing))
-    with pytest.raises(ShapeError, match=r"cube\.stl .*export it anew"):
+    with pytest.raises(ShapeError, match=r"cube\.stl .*export it again"):
         mesh_form(file)
 
 

@@ -73,7 +73,7 @@ def oracle(cell: Workcell, assembly: PartAssembly) -> dict[tuple[str, ...], floa
             cell, with_renamed_parts(assembly, dict(zip(goals, names, strict=True)))
         )
         costs: list[dict[str, float]] = [{} for _ in goals]
-        for item, (pick, place) in found.paths.alone.items():
+        for item, (pick, place) in found.paths.unpaired.items():
             home = cell.robot(item.robot).home
             stops = home, pick.contact, place.contact, home
             way = sum(

@@ -107,7 +107,7 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
 ) -> None:
     assert plan_violations(found.problem, plan) == []
     assert {c.robot for c in plan.choices} == {"west", "east"}
-    for item, (pick, place) in found.paths.alone.items():
+    for item, (pick, place) in found.paths.unpaired.items():
         robot, step = found.cell.robot(item.robot), found.steps[item.step - 1]
         assert isinstance(item, PrimaryCandidate)
         assert isinstance(step, PartStep)
@@ -454,11 +454,11 @@ def test_nobody_else_is_told_with_why() -> None:
     found.reject(
         2, "right grips, 8 mm wide", "the tool would be 4.0 mm in screw", "right"
     )
-    why = pairing._nobody(item, 2, None)
+    why = pairing._holding_rejection(item, 2, None)
     assert why.words == (
-        "nobody else can do step 2 (screw) at all: right grips, 8 mm wide: the tool would be 4.0 mm"
+        "no other robot can do step 2 (screw) at all: right grips, 8 mm wide: the tool would be 4.0 mm"
         " in screw"
     )
     hit = Obstruction("right/arm and left/arm overlap by 3.0 mm", "left/arm")
-    why = pairing._nobody(item, 2, hit)
+    why = pairing._holding_rejection(item, 2, hit)
     assert why.words.endswith("meanwhile: right/arm and left/arm overlap by 3.0 mm")

@@ -248,7 +248,7 @@ def test_stopped_motions_keep_limits_and_the_path(
     assert np.allclose(q[-1], path[-1])
     assert max(distance_to(path, row) for row in q) <= STRAY * 1.01 + 1e-9
     assert t[-1] >= lasts - 1e-9
-    assert found.when(lasts) == pytest.approx(t[-1])
+    assert found.stopped_times(lasts) == pytest.approx(t[-1])
     if not stops or stops[0][0] > lasts:
         assert t[-1] == pytest.approx(lasts)
 

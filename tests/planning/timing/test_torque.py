@@ -134,8 +134,8 @@ def test_descriptions_that_tell_too_little_are_not_checked() -> None:
     assert model.drives is not None
     assert model.inertias is not None
     assert all(why(name) is None for name in ARMS)
-    assert why("gp4") == "no limits of effort are told"
-    assert why("ur5e", inertias=None) == "no masses are told"
+    assert why("gp4") == "its effort limits are unknown"
+    assert why("ur5e", inertias=None) == "its masses are unknown"
     nothing = replace(model.inertias, mass=np.zeros(6))
     assert "shoulder_pan_joint" in str(why("ur5e", inertias=nothing))
     alike = replace(model.inertias, mass=np.ones(6))

@@ -339,7 +339,7 @@ def test_no_way_back_is_taken_through_what_was_given(
 ) -> None:
     assert take_detours(cliff) > 0
     # Who does not look at the brick takes one that is not safe.
-    monkeypatch.setattr(shortcut_check, "_gifts_stay_clear", lambda *_: True)
+    monkeypatch.setattr(shortcut_check, "_are_received_objects_clear", lambda *_: True)
     with pytest.raises(PlanInvariantError, match="in a standing robot's hand"):
         take_detours(cliff)
 

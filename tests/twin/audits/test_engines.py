@@ -27,6 +27,7 @@ from planning.contacts.touching import nearby_entities
 from planning.errors import RequestError
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_rpy, rotation, translation
+from scheduling.witness.measuring import Measuring
 from scheduling.witness.parts import measure, resting_parts
 from tests.planning.cell.round_forms import stands_out
 from tests.shipped_runs import ShippedRuns
@@ -143,8 +144,7 @@ def test_what_lasts_is_seen_by_bullet_alone(
 ) -> None:
     """It looks at samples: what the motion ends in is among them."""
     both = _crash(tmp_path / "both", "pybullet")
-    contacts = sys.modules["twin.audits.contacts"]  # twin.audit is a function
-    monkeypatch.setattr(contacts, "measured_gaps", lambda *_: iter(()))
+    monkeypatch.setattr(Measuring, "too_close", lambda *_, **__: iter(()))
     alone = _crash(tmp_path / "alone", "pybullet")
     seen, same = (
         {(v.first, v.second) for v in r.violations if v.kind == "contact"}

@@ -213,7 +213,7 @@ def test_planning_and_audit_measure_the_same(
     for pad, shapes, sign in zip(pads.sides, sides, (-1.0, 1.0), strict=True):
         way, nearest = audited._closed(shapes, sign)
         miss = audited._miss(*nearest, sign)
-        if pad.way is None:
+        if pad.travel is None:
             gap = float(np.linalg.norm(pad.miss))
             assert way is None or gap < BESIDE
             assert np.linalg.norm(miss) == pytest.approx(gap, abs=3e-4)
@@ -223,8 +223,8 @@ def test_planning_and_audit_measure_the_same(
             assert np.linalg.norm(miss) < BESIDE
         elif (
             np.linalg.norm(miss) < 1e-4
-            and pad.way > -0.02
-            and way != pytest.approx(pad.way, abs=3e-3)
+            and pad.travel > -0.02
+            and way != pytest.approx(pad.travel, abs=3e-3)
         ):
             # Where a rim is met, a little aside is a long way on.
             beside = ways_beside(pose, sign)
@@ -240,7 +240,7 @@ def ways_beside(pose: Transform, sign: float) -> list[float | None]:
     for own in (*np.eye(3), *-np.eye(3)):
         pads = pads_at(model, tip, PEG, inverse(translation(*(BESIDE * own)) @ pose))
         assert pads is not None
-        found.append(pads.sides[0 if sign < 0 else 1].way)
+        found.append(pads.sides[0 if sign < 0 else 1].travel)
     return found
 
 

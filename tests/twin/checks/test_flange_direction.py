@@ -80,4 +80,4 @@ def test_an_arm_without_speeds_is_shown_with_its_ranges(tmp_path: Path) -> None:
     assert "'limits: {velocity: ...}'" in shown
     assert "as it is no robot" not in shown
     assert shown.count("-2") >= 3
-    assert "not told" in shown
+    assert "unknown" in shown

@@ -56,7 +56,7 @@ def vendors_arms(folder: Path, height: float, home: str) -> list[str]:
 
 def test_where_nobody_gives_a_home_a_free_one_is_named(tmp_path: Path) -> None:
     (found,) = (m for m in vendors_arms(tmp_path, 0, "") if "at HOME" in m)
-    assert "its joints are at zero, as nobody gives it a HOME" in found
+    assert "its joints are at zero, as no HOME is given" in found
     home = re.search(r"home_deg: \[[-\d, ]+\]", found)
     assert home is not None
     again = vendors_arms(tmp_path, 0, f"\n      {home.group()}")

@@ -98,7 +98,7 @@ def test_changes_are_worth_what_is_known(tmp_path: Path, goal: str) -> None:
     assert best.row.design == 1
     assert all(item.apart for item in race[1:]), "0.4 s of difference, 0.02 s of noise"
     bench = Bench(setting)
-    worths = {item.key: item for item in finals.worths(best, bench)}
+    worths = {item.key: item for item in finals.change_values(best, bench)}
     replanned = 2 * (setting.section.plans - 1)
     assert len(bench.evaluated) == 1 + replanned, "of two without a change one is known"
     # 0.4 s, and 8 nodes fewer of which each takes 0.01 s longer on average.

@@ -69,7 +69,7 @@ def test_nothing_drifts_where_nothing_has_changed() -> None:
             for share in np.linspace(0.1, 1.0, 10):
                 for robot, end in zip(run.robots, ends, strict=True):
                     robot.completed = int(share * end)
-                assert watch.look(run) == ()
+                assert watch.current_drifts(run) == ()
 
 
 @settings(max_examples=10, deadline=None)
@@ -82,7 +82,7 @@ def test_what_takes_longer_is_found_and_dated(
     begin = int(share * len(changed))
     took[1][changed[begin:]] = (took[1][changed[begin:]] * factor).astype(np.int64)
     run = run_of(TPG, took)
-    (found,) = WATCH.look(run)
+    (found,) = WATCH.current_drifts(run)
     assert (found.what, found.robot) == ("pick", "robot_1")
     assert found.ratio == pytest.approx(factor, rel=0.28)
     starts = run.robots[1].start_ns[changed]
@@ -97,7 +97,7 @@ def test_the_interval_covers_what_is_true() -> None:
     for replication in range(40):
         took = drawn(replication=replication)
         took[0][changed] = (took[0][changed] * 1.5).astype(np.int64)
-        (found,) = WATCH.look(run_of(TPG, took))
+        (found,) = WATCH.current_drifts(run_of(TPG, took))
         covered += found.low <= 1.5 <= found.high
     assert covered >= 33  # 38 of 40 in the mean, somewhat fewer as its length is chosen
 
@@ -107,7 +107,7 @@ def test_motions_are_held_against_their_paths() -> None:
     kinds = np.array([TPG.tasks[t].kind for t in TPG.chains[0].task])
     motions = ~np.isin(kinds, list(SPREAD.models))
     took[0][motions] = (took[0][motions] * 1.04).astype(np.int64)
-    (found,) = WATCH.look(run_of(TPG, took))
+    (found,) = WATCH.current_drifts(run_of(TPG, took))
     assert (found.what, found.robot) == (MOTIONS, "robot_0")
     assert found.ratio == pytest.approx(1.04, abs=0.002)
     assert "take 4 % longer than planned since 0 s (4 to 4 %" in found.words
@@ -119,13 +119,13 @@ def test_what_was_disturbed_says_nothing() -> None:
     took[0][changed] *= 3
     run = run_of(TPG, took)
     run.robots[0].took_ns[changed] = -1
-    assert WATCH.look(run) == ()
+    assert WATCH.current_drifts(run) == ()
 
 
 def test_drift_is_told_to_people_and_programs() -> None:
     took = drawn()
     took[0][nodes_of("pick", 0)] *= 2
-    (found,) = WATCH.look(run_of(TPG, took))
+    (found,) = WATCH.current_drifts(run_of(TPG, took))
     assert news_to_sentence(found).startswith("DRIFT pick of robot_0 takes ")
     assert '"kind": "drift"' in news_to_json(found)
     low, high = found.low, found.high

@@ -43,7 +43,7 @@ def test_the_same_plan_by_the_clock_is_clean_until_somebody_is_late(
     file = filed(content, tmp_path)
     plan = read_open_plan(file)
     case = JudgedPlan(plan, file, load(tmp_path / "yard.yaml"))
-    assert case.look(planned_spans(plan))[0] == ()
+    assert case.audit_spans(planned_spans(plan))[0] == ()
 
     def behind(seed: int) -> float:
         spans = delayed_spans(plan, case.rules.stretch, seed)

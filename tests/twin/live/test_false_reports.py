@@ -301,7 +301,7 @@ def test_what_was_cleared_before_a_kill_is_possible_after_it() -> None:
     (before, report), count = on_its_way(), LIES_FROM + 4
     link = Link("run", before.robot, before.start)
     link.clear(cleared(count))
-    link.go_on(1, 2)
+    link.restore(1, 2)
     over = replace(report.state, begun=count, done=count, samples=())
     q = cleared(count)[-1].waypoints[-1]
     all_of_it = replace(report, have=count, state=replace(over, q=q))

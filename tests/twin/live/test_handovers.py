@@ -118,7 +118,7 @@ def test_nodes_after_what_another_hand_does_are_kept_back_until_then() -> None:
     assert not link.is_due(awaited)
     link.done = 2
     assert link.is_due(awaited)
-    link.go_on_after(awaited)
+    link.send_awaited(awaited)
     assert told() == [2, 3]
     # What is planned anew before it is another matter.
     link.awaited.append(awaited)

@@ -92,7 +92,7 @@ class Cell:
         """Start it with what was written: what it has cleared, and which nodes are known to be through."""
         old = self.link
         self.link = Link("run", "left", START)
-        self.link.go_on(times, old.done)
+        self.link.restore(times, old.done)
         self.link.clear(self.nodes[: self.cleared])
 
     def tick(self) -> None:

@@ -306,7 +306,7 @@ def test_a_driver_asks_until_its_cell_is_there_and_again_when_it_was_cut_off() -
         wire = service.wire("left", 2)
         wire.open(heard.append)
         link = Link("run", "left", START)
-        link.go_on(number, 0)
+        link.restore(number, 0)
         link.clear(some_nodes(random.Random(3), 3))
         while link.done < number:
             if (command := link.command(time.monotonic())) is not None:

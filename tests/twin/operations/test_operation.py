@@ -224,7 +224,7 @@ def test_the_program_operates_audits_and_resumes(tmp_path: Path) -> None:
     file.write_text(STACK)
     options, out = ("--failures", "0.5", "--seed", "3"), tmp_path / "run"
     printed, _ = operated_by_program(file, out, *options, code=None)
-    assert "planned anew" in printed
+    assert "replanned" in printed
     # Killed after the first swap: the log is what is left.
     log = require_resumed(out, '"replanned"', 3)
     kinds = {json.loads(line)["kind"] for line in log.splitlines()}

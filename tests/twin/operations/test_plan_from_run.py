@@ -156,7 +156,7 @@ def test_who_is_out_stands_and_the_other_does_the_rest(
         (
             "{run}@12.9",
             ("right",),
-            "not all can go on from there: step 2: .* blocked at",
+            "not all steps can be done from there: step 2: .* blocked at",
         ),
         (None, ("right",), "out of service from a time of a run on"),
     ],

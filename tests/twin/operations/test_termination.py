@@ -81,7 +81,7 @@ def test_failures_that_nobody_counts_do_not_go_on_for_ever(
         found = judged(self, *about)
         self.ledger.tries.clear()
         self.ledger.given_up.clear()
-        self.ledger.shunned.clear()
+        self.ledger.unpickable.clear()
         return found
 
     monkeypatch.setattr(FailureTriage, "decide", forgetful)

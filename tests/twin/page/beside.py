@@ -93,7 +93,7 @@ class Beside:
             replace(model, disturbances=Disturbances()),
             seed=0,
             recorders=(self._memory,),
-            says=self.panel.says,
+            answer=self.panel.answer,
             ports=Ports(
                 partial(
                     RemoteRobots,

@@ -130,7 +130,7 @@ def test_everybody_of_the_mixed_team_is_needed() -> None:
     bounds = reach_bounds(problem)
     arms, movers = ("arm1", "arm2"), ("mover1", "mover2", "mover3")
     alone = {
-        name: bounds.alone(problem.part(name))
+        name: bounds.able_alone(problem.part(name))
         for name in ("footing_ne", "drum1_ne", "drum5_ne", "lintel_n", "rafter3")
     }
     assert list(alone.values()) == [arms, arms + movers, movers, ("crane",), ()]

@@ -232,7 +232,7 @@ def test_robots_that_are_out_are_operated(plan: PlanResult, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("scenario", "options", "words"),
     [
-        ("cliff", {"policies": ["open-loop"]}, "'open-loop' cannot be planned anew"),
+        ("cliff", {"policies": ["open-loop"]}, "'open-loop' cannot be replanned"),
         ("cliff", {"vary": {"policy": ["sequential"]}}, "only asynchronous"),
         ("cliff", {"vary": {"robots": [1, 2]}}, "study each layout by itself"),
         ("cliff", {"operate": False, "failures": 0.1}, "give operate, too"),

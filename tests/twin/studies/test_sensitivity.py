@@ -63,7 +63,7 @@ def test_motions_within_limits_count_as_they_do_in_what_is_worth_fixing() -> Non
         one for one in input_influences(load) if one.name.startswith("motions")
     )
     gains = cell_gains(Experiment(("asynchronous",), replications=1), load, 1).gains
-    (every,) = (one for one in gains if one.lever.name == "every motion")
+    (every,) = (one for one in gains if one.intervention.name == "every motion")
     assert motions.less_s.estimate < -0.1
     assert motions.less_s.estimate == pytest.approx(
         -every.shorter.mean_s.estimate, abs=1e-6

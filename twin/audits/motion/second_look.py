@@ -7,44 +7,45 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.audits.motion.pairs import Gap, WatchedPair
+from twin.audits.motion.pairs import ClosePair
 from twin.audits.motion.stretches import RunStretch
 
 if TYPE_CHECKING:  # never called without PyBullet
     from twin.audits.worlds.bullet_world import BulletWorld
 
-EVERY_M = 0.4
+EVERY_M = 0.8
 """Travel of some point of a robot or its load between two samples, about [m]."""
 
 
 def sampled_overlaps(
-    world: BulletWorld, stretch: RunStretch, pairs: Iterable[WatchedPair]
-) -> Iterator[Gap]:
+    world: BulletWorld, stretch: RunStretch, pairs: Iterable[ClosePair]
+) -> Iterator[tuple[ClosePair, int, float]]:
     """Yield overlaps of pairs of shapes at some samples of a stretch, including the first.
 
     Args:
         world: to measure in.
         stretch: where everything is.
         pairs: with the samples at which they may meet.
+
+    Yields:
+        The pair, the sample and the distance [m].
     """
-    moved = np.cumsum(stretch.movers.steps.max(axis=1, initial=0.0))
-    looks = np.concatenate([[0.0], moved]) // EVERY_M
-    looked = {0, *(np.flatnonzero(np.diff(looks)) + 1).tolist()}
-    due: dict[int, list[WatchedPair]] = {}
+    looks = np.concatenate([[0.0], np.cumsum(stretch.travel)]) // EVERY_M
+    looked = np.append(0, np.flatnonzero(np.diff(looks)) + 1)
+    due: dict[int, list[ClosePair]] = {}
     for pair in pairs:
-        for sample in looked.intersection(pair.close):
+        close = (pair.first <= looked[:, None]) & (looked[:, None] <= pair.last)
+        for sample in looked[close.any(axis=1)].tolist():
             due.setdefault(sample, []).append(pair)
-    if due:
-        for track in stretch.boxes.tracks:
-            assert track.pose is not None
-            world.place(track.shape, track.pose)
-    held = [track for track in stretch.movers.tracks if track.pose is not None]
+    if not due:
+        return
+    for shape, pose in stretch.resting:
+        world.place(shape, pose)
     for sample in sorted(due):
-        for k, robot in enumerate(stretch.robots):
-            world.configure(k, robot.q[sample])
-        for track in held:
-            assert track.holder is not None
-            assert track.pose is not None
-            world.place(track.shape, world.hand(track.holder) @ track.pose)
-        for k, distance in world.overlaps([pair.shapes for pair in due[sample]]):
-            yield Gap(due[sample][k], sample, sample + 1, distance, distance)
+        for robot, path in enumerate(stretch.paths):
+            world.configure(robot, path[sample])
+        for robot, shape, pose in stretch.held():
+            world.place(shape, world.hand(robot) @ pose)
+        shapes = [(pair.a, pair.b) for pair in due[sample]]
+        for k, gap in world.overlaps(shapes):
+            yield due[sample][k], sample, gap

@@ -7,24 +7,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.cell.shape import Shape
 from planning.errors import OutputError
-from planning.transforms import Array
+from planning.transforms import Array, Transform
+from scheduling.witness.moving_robot import MovingRobot, StillParts
+from scheduling.witness.parts import ConvexPart, resting_parts
+from scheduling.witness.robot import WitnessRobot
 from twin.audits.motion.executed import ReplayedRun, Stay
-from twin.audits.motion.movers import MovedShapes, Movers, StandingTable, joined_movers
-from twin.audits.motion.reach import RobotSamples
-from twin.audits.worlds.world import AuditWorld, shapes_by_entity
+from twin.audits.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
 
-STEP = 0.01
-"""Largest travel of any point of a robot or its load between samples [m].
-
-That bounds the whole motion in between, see ``twin.audits.motion.reach``, not only where it begins and ends.
-"""
-
-_JOINT_STEP = 0.1
-"""Most that a joint moves between two samples [rad or m]."""
+STEP = 0.022
+"""Bound of the travel of any point of a robot or its load between samples [m]."""
 
 _ROWS = 1500
 """Rows that are sampled at once: it bounds the memory."""
+
+_Resting = tuple[StillParts, list[tuple[WatchedShape, Transform]]]
+"""What rests, with its shapes in their places."""
+
+_ROUNDING = 1.0 + 1e-9
+_ATTEMPTS = 6
 
 
 @dataclass(frozen=True)
@@ -33,17 +35,32 @@ class RunStretch:
 
     Attributes:
         t: times of the samples, shape (m,), the ends included [s].
-        robots: in the order of the cell.
+        paths: configurations of each robot at the samples, in the order of the cell, shape (m, n).
+        travel: bound of the travel of any point from sample to sample, shape (m - 1,) [m].
         placements: place of every present object: held, or at rest.
-        movers: the shapes of all robots, then of the objects that they hold.
-        boxes: the fixtures, then the objects at rest.
+        robots: the robots with what they hold; the samples are the ticks of their clock.
+        shapes: of each robot and of what it holds, as ``robots`` has their parts.
+        still: fixtures, then objects at rest.
+        resting: their shapes, each with its pose.
     """
 
     t: Array
-    robots: tuple[RobotSamples, ...]
+    paths: Sequence[Array]
+    travel: Array
     placements: Mapping[str, Stay]
-    movers: Movers
-    boxes: Movers
+    robots: Sequence[MovingRobot]
+    shapes: Sequence[Sequence[WatchedShape]]
+    still: StillParts
+    resting: Sequence[tuple[WatchedShape, Transform]]
+
+    def held(self) -> Iterator[tuple[int, WatchedShape, Transform]]:
+        """Yield the shapes of held objects with the number of the robot, and their poses in its hand."""
+        for k, (moving, shapes) in enumerate(
+            zip(self.robots, self.shapes, strict=True)
+        ):
+            for shape in shapes[len(moving.robot.parts) :]:
+                stay = self.placements[shape.entity]
+                yield k, shape, shape.at(moving.robot.flange @ stay.pose)
 
 
 def stretches(world: AuditWorld, replay: ReplayedRun) -> Iterator[RunStretch]:
@@ -55,7 +72,6 @@ def stretches(world: AuditWorld, replay: ReplayedRun) -> Iterator[RunStretch]:
     knots = knots[(knots >= 0.0) & (knots <= replay.end)]
     ends = [*(t for t, _ in states[1:]), replay.end]
     for (start, placements), end in zip(states, ends, strict=True):
-        sampler.standing.change(placements)
         low, high = np.searchsorted(knots, start), np.searchsorted(knots, end, "right")
         inside = knots[low:high]
         for k in range(0, max(len(inside) - 1, 1), _ROWS):
@@ -63,85 +79,97 @@ def stretches(world: AuditWorld, replay: ReplayedRun) -> Iterator[RunStretch]:
 
 
 class _Sampler:
-    """Samples an execution finely enough, with the shapes of the cell.
+    """Samples an execution finely enough, with the parts of the cell.
 
     Args:
         world: the cell.
         replay: the execution.
-
-    Attributes:
-        standing: table of objects at rest.
     """
 
     def __init__(self, world: AuditWorld, replay: ReplayedRun) -> None:
-        self._world = world
-        self._robots = world.cell.robots
-        self._rows = [replay.robots[robot.name] for robot in self._robots]
+        self._world, self._cell = world, world.cell
+        self._rows = [replay.robots[robot.name] for robot in self._cell.robots]
         self._own = [
             [shape for shape in world.robot_shapes if shape.robot == k]
-            for k in range(len(self._robots))
+            for k in range(len(self._cell.robots))
         ]
-        self._objects = shapes_by_entity(world.objects)
-        self._order = {shape.number: k for k, shape in enumerate(world.objects)}
-        self.standing = StandingTable(world)
+        self._things = shapes_by_entity((*world.fixtures, *world.objects))
+        self._fixtures = [
+            self._at_rest(item.name, item.shape, item.pose)
+            for item in self._cell.fixtures
+        ]
+        self._held: dict[Stay, list[ConvexPart]] = {}
+        self._resting: dict[Stay, _Resting] = {}
 
     def sample(self, knots: Array, placements: Mapping[str, Stay]) -> RunStretch:
         """Return a stretch between knots with the current object placements."""
-        bodies = [self._carried(k, placements) for k in range(len(self._robots))]
-        wide = np.zeros(len(knots) - 1)
-        for rows in self._rows:
-            step = np.abs(np.diff(rows.at(knots), axis=0))
-            wide = np.maximum(wide, step.max(axis=1, initial=0.0) / _JOINT_STEP)
-        t = _split(knots, np.ceil(wide))
-        for _ in range(6):
-            samples = tuple(self._frames(k, t) for k in range(len(self._robots)))
-            parts = [
-                own.sampled(robot, at)
-                for own, robot, at in zip(
-                    bodies, self._world.robots, samples, strict=True
+        parts, shapes = [], []
+        for robot, placed, own in zip(
+            self._world.robots, self._cell.robots, self._own, strict=True
+        ):
+            held = [stay for stay in placements.values() if stay.holder == placed.name]
+            loads = (part for stay in held for part in self._load(robot, stay))
+            parts.append([*robot.parts, *loads])
+            shapes.append([*own, *self._shapes(held)])
+        t, paths, travel = self._sampled(knots, parts)
+        lying = [self._rest(s) for s in placements.values() if s.holder is None]
+        still = [*self._fixtures, *lying]
+        return RunStretch(
+            t,
+            paths,
+            travel,
+            placements,
+            [
+                MovingRobot(robot, own, path)
+                for robot, own, path in zip(
+                    self._world.robots, parts, paths, strict=True
                 )
-            ]
-            steps = [part.steps.max(axis=1, initial=0.0) for part in parts]
-            moved = np.max([np.zeros(len(t) - 1), *steps], axis=0)
-            if np.all(moved <= STEP):
-                boxes = self.standing.boxes()
-                return RunStretch(t, samples, placements, self._joined(parts), boxes)
-            finer = _split(t, np.ceil(moved * 1.02 / STEP))
+            ],
+            shapes,
+            StillParts.joined([parts for parts, _ in still]),
+            [placed for _, own in still for placed in own],
+        )
+
+    def _sampled(
+        self, knots: Array, parts: Sequence[Sequence[ConvexPart]]
+    ) -> tuple[Array, list[Array], Array]:
+        """Return times, configurations and travel bounds so that no travel exceeds ``STEP``."""
+        weights = [np.array([part.weight for part in own]).T for own in parts]
+        t = knots
+        for _ in range(_ATTEMPTS):
+            paths = [rows.at(t) for rows in self._rows]
+            travel = np.zeros(len(t) - 1)
+            for path, weight in zip(paths, weights, strict=True):
+                far = np.abs(np.diff(path, axis=0)) @ weight
+                travel = np.maximum(travel, far.max(axis=1, initial=0.0))
+            if np.all(travel <= STEP * _ROUNDING):
+                return t, paths, travel
+            finer = _split(t, np.ceil(travel / (STEP * _ROUNDING)))
             if len(finer) == len(t):
                 break
             t = finer
         raise OutputError(f"robots move too fast to be sampled near {t[0]:.6f} s")
 
-    def _carried(self, robot: int, placements: Mapping[str, Stay]) -> MovedShapes:
-        """Return all shapes that a robot moves now."""
-        placed = self._robots[robot]
-        flange, hand = placed.model.flange, self._world.robots[robot].dof
-        held = [
-            (shape, shape.at(flange @ stay.pose))
-            for name, stay in placements.items()
-            if stay.holder == placed.name
-            for shape in self._objects[name]
-        ]
-        return MovedShapes(robot, self._own[robot], held, hand)
+    def _load(self, robot: WitnessRobot, stay: Stay) -> list[ConvexPart]:
+        """Return the parts of an object in the hand of a robot."""
+        if stay not in self._held:
+            shape = self._cell.object(stay.object).shape
+            self._held[stay] = robot.loads(stay.object, shape, stay.pose)
+        return self._held[stay]
 
-    def _frames(self, robot: int, t: Array) -> RobotSamples:
-        q = self._rows[robot].at(t)
-        changed = np.any(np.diff(q, axis=0) != 0.0, axis=1)
-        distinct = np.concatenate([[0], np.cumsum(changed)]).astype(np.int64)
-        first = np.concatenate([[True], changed])
-        rotation, position = self._world.link_frames(robot, q[first])
-        return RobotSamples(q, distinct, rotation[distinct], position[distinct])
+    def _rest(self, stay: Stay) -> _Resting:
+        """Return an object at rest."""
+        if stay not in self._resting:
+            shape = self._cell.object(stay.object).shape
+            self._resting[stay] = self._at_rest(stay.object, shape, stay.pose)
+        return self._resting[stay]
 
-    def _joined(self, parts: Sequence[Movers]) -> Movers:
-        """Return all robots' shapes, then those of the objects they hold, in order."""
-        shapes = [track.shape for part in parts for track in part.tracks]
-        order = sorted(
-            range(len(shapes)),
-            key=lambda k: (
-                -1 if shapes[k].robot is not None else self._order[shapes[k].number]
-            ),
-        )
-        return joined_movers(parts, order)
+    def _at_rest(self, name: str, shape: Shape, pose: Transform) -> _Resting:
+        parts = StillParts.of(resting_parts(name, shape, pose))
+        return parts, [(own, own.at(pose)) for own in self._things[name]]
+
+    def _shapes(self, stays: Sequence[Stay]) -> Iterator[WatchedShape]:
+        return (shape for stay in stays for shape in self._things[stay.object])
 
 
 def _split(t: Array, parts: Array) -> Array:

@@ -57,30 +57,29 @@ TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 
+_RULE = "=" * 80 + "\n"
 
-def _definition(fields: str, *needed: str) -> str:
-    """Return the fields of a message, and behind lines of = those of all that it is made of."""
-    return ("=" * 80 + "\n").join([fields, *needed])
-
-
-DEFINITIONS = {
-    JOINT_STATE: _definition(
+_FIELDS: dict[str, tuple[str, ...]] = {
+    JOINT_STATE: (
         "std_msgs/Header header\nstring[] name\nfloat64[] position\n"
         "float64[] velocity\nfloat64[] effort\n",
         *_HEADER,
     ),
-    TF_MESSAGE: _definition(
-        "geometry_msgs/TransformStamped[] transforms\n", *_TRANSFORM, *_HEADER
+    TF_MESSAGE: (
+        "geometry_msgs/TransformStamped[] transforms\n",
+        *_TRANSFORM,
+        *_HEADER,
     ),
-    JOINT_TRAJECTORY: _definition(
+    JOINT_TRAJECTORY: (
         "std_msgs/Header header\nstring[] joint_names\n"
         "trajectory_msgs/JointTrajectoryPoint[] points\n",
         _TRAJECTORY_POINT,
         _DURATION,
         *_HEADER,
     ),
-    MARKER_ARRAY: _definition(
-        "visualization_msgs/Marker[] markers\n", *_MARKER, *_HEADER
-    ),
+    MARKER_ARRAY: ("visualization_msgs/Marker[] markers\n", *_MARKER, *_HEADER),
 }
+"""Own fields of every message, and those of all that it is made of."""
+
+DEFINITIONS = {kind: _RULE.join(fields) for kind, fields in _FIELDS.items()}
 """Of every message that is written, by its type; those of ROS 2 Humble and later."""

@@ -77,7 +77,7 @@ def _product(one: Array, others: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class ObjectsThere:
+class ObjectState:
     """The objects that are there from a time on, until the next such time.
 
     Attributes:
@@ -98,7 +98,7 @@ def object_frame(name: str) -> str:
     return f"objects/{name}"
 
 
-def objects_there(run: RunResult) -> Iterator[ObjectsThere]:
+def object_states(run: RunResult) -> Iterator[ObjectState]:
     """Yield object placements after each change, by time."""
     table = run.objects
     times = np.rint(table["t_s"].to_numpy() * NANOSECONDS).astype(np.int64)
@@ -119,4 +119,4 @@ def objects_there(run: RunResult) -> Iterator[ObjectsThere]:
             frames[name] = frame_pose(parent, object_frame(name), pose)
             changed.append(name)
         there = tuple(name for name in changed if name in frames)
-        yield ObjectsThere(t_ns, there, gone, dict(frames))
+        yield ObjectState(t_ns, there, gone, dict(frames))

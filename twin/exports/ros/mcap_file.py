@@ -27,12 +27,12 @@ from twin.exports.ros.definitions import (
 from twin.exports.ros.drawn_robot import drawn_robot
 from twin.exports.ros.frames import (
     WORLD,
-    ObjectsThere,
+    ObjectState,
     fixed_frames,
     link_frame,
     moved_frames,
     object_frame,
-    objects_there,
+    object_states,
 )
 from twin.exports.ros.messages import (
     FramePose,
@@ -177,14 +177,14 @@ def _whole_numbers(low: Array, high: Array) -> Indices:
 
 def _objects(run: RunResult) -> Iterator[Message]:
     """Yield object poses at every transfer and every second, and their markers."""
-    there: ObjectsThere | None = None
+    there: ObjectState | None = None
     spans = [_moving(motion) for motion in run.motions.values()]
     begins, ends = map(np.concatenate, zip(*spans, strict=True))
     seconds = _whole_numbers(begins / NANOSECONDS, (ends + _REPEATED_NS) / NANOSECONDS)
     shown: frozenset[str] | None = None
-    for state in objects_there(run):
+    for state in object_states(run):
         if there is not None:
-            yield from _again(there, state.t_ns, seconds)
+            yield from _repeated_poses(there, state.t_ns, seconds)
         there = state
         full_second = state.t_ns % NANOSECONDS == 0
         names = state.frames if full_second else state.changed
@@ -199,15 +199,17 @@ def _objects(run: RunResult) -> Iterator[Message]:
             ]
             yield Message(state.t_ns, _OBJECTS, marker_array(markers))
     if there is not None:
-        yield from _again(there, run.makespan_ns + 1, seconds)
+        yield from _repeated_poses(there, run.makespan_ns + 1, seconds)
 
 
-def _again(there: ObjectsThere, end_ns: int, seconds: Indices) -> Iterator[Message]:
+def _repeated_poses(
+    objects: ObjectState, end_ns: int, seconds: Indices
+) -> Iterator[Message]:
     """Yield where all objects are at full seconds before a time [ns]: some, and those soon after a change."""
-    poses: list[FramePose] = list(there.frames.values())
-    soon = there.t_ns // NANOSECONDS + np.arange(_REPEATED_NS // NANOSECONDS + 1)
+    poses: list[FramePose] = list(objects.frames.values())
+    soon = objects.t_ns // NANOSECONDS + np.arange(_REPEATED_NS // NANOSECONDS + 1)
     times = np.union1d(seconds, soon) * NANOSECONDS
-    for t_ns in times[(times > there.t_ns) & (times < end_ns)].tolist():
+    for t_ns in times[(times > objects.t_ns) & (times < end_ns)].tolist():
         yield Message(t_ns, _TF, tf_message(t_ns, poses))
 
 

@@ -166,8 +166,10 @@ class ConstructionRecovery(Planner[_Built]):
         at = committed_at(tpg, counts, trigger, triage)
         for step in trigger.unwanted - self.begun(state, counts):
             ledger.drop(step)
-        there = self._there(ledger, at)
-        ledger.gone |= {name for name, own in there.items() if own.holder in at.out}
+        attachments = self._part_attachments(ledger, at)
+        ledger.gone |= {
+            name for name, own in attachments.items() if own.holder in at.out
+        }
         placed = tuple(
             ledger.lost(str(task.object))
             for task in at.committed.tasks
@@ -177,27 +179,27 @@ class ConstructionRecovery(Planner[_Built]):
         built = replace(state, kept=kept)
         for name in placed:
             goals = {part.name: part.goal for part in built.parts}
-            lies = there[name].pose
+            lies = attachments[name].pose
             (own,) = (k for k in goals if np.allclose(goals[k], lies, atol=1e-6))
             built = built.exchanged(name, own)
         for name in sorted(ledger.gone & built.step_of.keys()):
-            built = self._exchanged(built, ledger, name, placed, there)
-        for name in sorted(ledger.gone & built.step_of.keys() - there.keys()):
+            built = self._exchanged(built, ledger, name, placed, attachments)
+        for name in sorted(ledger.gone & built.step_of.keys() - attachments.keys()):
             if (step := built.step_of[name]) not in ledger.undone:
                 about = ledger, self.person, tpg.cell
                 request_replacement(*about, step, name, f"{name} is lost")
-        there = self._there(ledger, at)
-        problem = self._problem(tpg.cell, built, ledger, placed, there, at.out)
+        attachments = self._part_attachments(ledger, at)
+        problem = self._problem(tpg.cell, built, ledger, placed, attachments, at.out)
         names = {part.name for part in problem.parts}
         held = {
             name: own
-            for name, own in there.items()
+            for name, own in attachments.items()
             if own.holder is not None and own.holder not in at.out
         }
         robots = {r.name: at.state.configurations[r.name] for r in tpg.cell.robots}
         complete = frozenset(at.complete)
         before = at.committed.tasks
-        now = WorldState(at.state.configurations, there)
+        now = WorldState(at.state.configurations, attachments)
         world = World(now, complete=complete, out=at.out, tasks=len(before))
         try:
             effort = PlannerSettings().finding(self.motions.settings.paths)
@@ -221,7 +223,7 @@ class ConstructionRecovery(Planner[_Built]):
             return replace(built, ledger=ledger.recorded()), extension
         return replace(built, ledger=ledger.recorded()), (union, new, at)
 
-    def _there(
+    def _part_attachments(
         self, ledger: LedgerEntries, at: CommittedPrefix
     ) -> Mapping[str, Attachment]:
         """Return the poses of parts, by their plan names."""
@@ -257,7 +259,7 @@ class ConstructionRecovery(Planner[_Built]):
         ledger: LedgerEntries,
         name: str,
         placed: Sequence[str],
-        there: Mapping[str, Attachment],
+        attachments: Mapping[str, Attachment],
     ) -> _Built:
         """Return the goals of parts after a lost one is replaced by another of its kind."""
         steps = built.step_of
@@ -270,8 +272,8 @@ class ConstructionRecovery(Planner[_Built]):
             for other in parts
             if other not in {*placed, *ledger.gone}
             and steps[other] not in ledger.undone
-            and other in there
-            and there[other].holder is None
+            and other in attachments
+            and attachments[other].holder is None
             and self._alike(parts[other]) == own
         ]
         # What least rests on is missed least; of these what comes last.
@@ -282,9 +284,9 @@ class ConstructionRecovery(Planner[_Built]):
 
     def _alike(self, part: ModelPart) -> object:
         """Return the key of interchangeable parts."""
-        ways = {own.name: own.insertion for own in self.kind.section.parts}
+        insertions = {own.name: own.insertion for own in self.kind.section.parts}
         about = part.size.tobytes(), part.mass, part.faces
-        return *about, ways.get(part.name)
+        return *about, insertions.get(part.name)
 
     def _above(self, ledger: LedgerEntries, step: int) -> int:
         """Return the number of remaining steps that depend on a step."""
@@ -301,7 +303,7 @@ class ConstructionRecovery(Planner[_Built]):
         built: _Built,
         ledger: LedgerEntries,
         placed: Sequence[str],
-        there: Mapping[str, Attachment],
+        attachments: Mapping[str, Attachment],
         out: frozenset[str],
     ) -> ConstructionProblem:
         """Return the problem of all placed or remaining parts."""
@@ -310,7 +312,7 @@ class ConstructionRecovery(Planner[_Built]):
             for part in built.parts
             if part.name in placed
             or (
-                part.name in there
+                part.name in attachments
                 and part.name not in ledger.gone
                 and built.step_of[part.name] not in ledger.undone
             )
@@ -318,11 +320,12 @@ class ConstructionRecovery(Planner[_Built]):
         key = (
             tuple((p.name, p.goal.tobytes()) for p in wanted),
             out,
-            frozenset(there),
+            frozenset(attachments),
         )
         if key not in self._made:
             objects = tuple(
-                replace(item, later=item.name not in there) for item in cell.objects
+                replace(item, later=item.name not in attachments)
+                for item in cell.objects
             )
             now = replace(cell, objects=objects)
             found = self.kind.problem(now, self.motions.settings, wanted)

@@ -23,7 +23,6 @@ from planning.kinematics.kinematics import (
     inverse_kinematics,
 )
 from planning.lego.bricks.assembly import (
-    BRICKS,
     BrickType,
     Cell,
     LegoAssembly,
@@ -32,6 +31,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_grips import grip_pose, legal_presses
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import box_pose, box_size, top_pose
 from planning.lego.skills.targets import BrickGrip, support_targets
 from planning.transforms import Array, Transform, inverse, read_only_copy
@@ -100,7 +100,7 @@ def check_brick_tools(subject: CheckContext) -> Findings:
     Beyond what the audit allows it is an error.
     """
     lego = lego_kind(subject)
-    for robot in subject.unlike_robots:
+    for robot in subject.distinct_robots:
         model, tool = robot.model, robot.tool or "its tool"
         if not {"tool", "alt"} <= set(model.frames):
             continue  # the planner names those that it needs

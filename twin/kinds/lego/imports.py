@@ -29,7 +29,7 @@ CellOf = Annotated[
 _STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
 
 app = typer.Typer(
-    no_args_is_help=True, help="Make scenarios from the files of other programs."
+    no_args_is_help=True, help="Create scenarios from files of other programs."
 )
 
 
@@ -58,13 +58,13 @@ def import_apex_mr_task(
     press_from: Annotated[
         str | None,
         typer.Option(
-            help="Where the two ways to give a grip contradict each other: side (press_side,"
-            " press_offset) or cell (press_x, press_ori); by default the first with which the"
-            " structure bears every press."
+            help="Used where the two descriptions of a grip contradict each other: "
+            "side (press_side, press_offset) or cell (press_x, press_ori); by "
+            "default the first with which the structure bears every press."
         ),
     ] = None,
 ) -> None:
-    """Read a task as the authors of APEX-MR publish them."""
+    """Create a scenario from a task published by the authors of APEX-MR."""
     import_task(
         folder,
         task=task,
@@ -88,7 +88,7 @@ def import_brick_list(
     output: Output,
     cell: CellOf = None,
 ) -> None:
-    """Make a scenario of a brick list."""
+    """Create a scenario from a brick list."""
     from planning.lego.importers.brick_models.brick_list import read_brick_list
 
     _write(file, read_brick_list(file), output, cell)
@@ -103,7 +103,7 @@ def import_ldraw(
     output: Output,
     cell: CellOf = None,
 ) -> None:
-    """Make a scenario of a model of LDraw, as LeoCAD, Studio and others write them."""
+    """Create a scenario from an LDraw model, as LeoCAD, Studio and others write them."""
     from planning.lego.importers.brick_models.ldraw import read_ldraw
 
     _write(file, read_ldraw(file), output, cell)
@@ -266,11 +266,11 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     new = {"kind": "lego", **kept, "structure": structure_content(model, corner)}
     content: dict[str, Any] = {"cell": data["cell"], "assembly": new}
     for robot in content["cell"]["robots"]:
-        _mend_path(robot, path.parent, output.parent)
+        _relocate_path(robot, path.parent, output.parent)
     return content
 
 
-def _mend_path(robot: dict[str, Any], old: Path, new: Path) -> None:
+def _relocate_path(robot: dict[str, Any], old: Path, new: Path) -> None:
     """Adapt the path of a robot's description to another folder."""
     import os
 

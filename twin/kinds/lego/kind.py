@@ -159,7 +159,7 @@ class LegoKind(AssemblyKind):
         """Return the assembly in a stable order, with candidates of the steps that are asked for.
 
         The structure and the room for the tool are settled for all of it. What the arms can do at a step
-        is found when it is planned: a sequence that they cannot do is not sought anew.
+        is found when it is planned: a sequence that they cannot do is not searched again.
         """
         from planning.lego.sequencing.blocking import check_reach
         from planning.lego.skills.expansion import lazy_lego_work

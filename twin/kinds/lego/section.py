@@ -9,13 +9,13 @@ from pydantic import ConfigDict, Field, model_validator
 
 from planning.lego.bricks.assembly import (
     BRICK_LEVELS,
-    BRICKS,
     BrickType,
     Cell,
     GridPlace,
     PlacedBrick,
     Support,
 )
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.insertion.rules import SequencingRules
 from twin.document.section import Name, Section, Several, Two
 from twin.kinds.lego.structure import (

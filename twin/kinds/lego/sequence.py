@@ -39,25 +39,26 @@ def sequence(
         int | None,
         typer.Option(
             metavar="STEP",
-            help="Say what the structure bears at a step, and draw which joints give way"
-            " first: explain-STEP.png in this folder.",
+            help="Print the load that the structure bears at a step, and draw the "
+            "joints that fail first: explain-STEP.png in this folder.",
         ),
     ] = None,
     scaffold: Annotated[
         str | None,
         typer.Option(
             metavar="WHICH",
-            help="Temporary bricks, whatever the rules say: none, any, or removable, only"
-            " such as can be taken out again once the model is lifted off the plate.",
+            help="Temporary bricks, in place of the rules': none, any, or "
+            "removable, only such as can be removed once the model is lifted "
+            "off the plate.",
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Find the sequence of a LEGO assembly from its finished structure.
 
-    Where the scenario gives steps, only what they build counts, not their order. Every step is one
-    that some robots of the cell can do, among all that stands there by then; ways between steps
-    are left to planning.
+    If the scenario lists steps, only the structure that they build is used, not their order. Every step is
+    feasible for some robots of the cell among the bricks present at that time; transits between steps are not
+    checked.
     """
     from planning.tasks.highs_solver import check_candidates
     from twin.host.progress import StageWatch
@@ -128,7 +129,7 @@ def _explain(assembly: LegoAssembly, number: int, rules: SequencingRules) -> Non
     typer.echo(f"step {number}, {step.words}: it takes {found.needed:.1f} N")
     held = ""
     if step.support is not None:
-        held = f" with its support, {up_to(found.alone)} without"
+        held = f" with its support, {up_to(found.bears_unsupported)} without"
     typer.echo(f"the structure bears {up_to(found.bears)}{held}")
     for first, second, share in found.report.pulled[:5]:
         names = " and ".join(name or "the plate" for name in (first, second))

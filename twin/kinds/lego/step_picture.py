@@ -97,7 +97,7 @@ def _draw_side(axes: Axes, step: ExplainedStep, axis: int) -> None:
     """Draw the structure along y (axis 0: x to the right) or along x (axis 1)."""
     from matplotlib.patches import Rectangle
 
-    strain = step.strain
+    strain = step.friction_shares
 
     def depth(name: str) -> int:
         span = spans[name]

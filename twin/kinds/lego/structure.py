@@ -84,7 +84,7 @@ class StructureSection(Section):
     bricks: tuple[StructureBrickSection, ...] = ()
 
     @model_validator(mode="after")
-    def _something(self) -> StructureSection:
+    def _check_given(self) -> StructureSection:
         if not (self.layers or self.elevations or self.bricks):
             raise ValueError("give 'layers', 'elevations' or 'bricks'")
         if self.layers and self.origin is None:

@@ -182,7 +182,7 @@ def find_alike_problems(section: PartsSection) -> Found:
                 yield (*at, key), f"{alike}: leave {key} out"
         for key, name in (("hold", step.hold), ("at", step.at and step.at.part)):
             if name in kinds:
-                words = f"{name} stands for parts that are alike, and which is meant nobody says"
+                words = f"{name} stands for parts that are alike, and it is ambiguous which is meant"
                 yield (*at, key), f"{words}: name a part of its own"
 
 

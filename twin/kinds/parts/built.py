@@ -58,7 +58,7 @@ def assembly_of(line: Line) -> PartAssembly:
             for number, step in enumerate(section.steps, start=1)
         ),
         usual=usual,
-        own={part.name: _ways(part, usual) for part in section.parts},
+        own={part.name: _handling(part, usual) for part in section.parts},
         balance=_balance(section),
         overlaps=overlaps_of(section),
         supply=line.supply,
@@ -106,7 +106,7 @@ def _grip_rules(section: PartGripSection, rules: GripRules) -> GripRules:
     return replace(rules, **values)
 
 
-def _ways(part: PartSection, usual: PartHandling) -> PartHandling:
+def _handling(part: PartSection, usual: PartHandling) -> PartHandling:
     """Return the handling of a part: its own settings, else the assembly's."""
     rules = usual.grips
     if part.grips is not None:

@@ -49,7 +49,7 @@ class KnownFit:
         return {
             "step": self.fit.step,
             "part": self.fit.part,
-            "in": list(play.beside),
+            "in": list(play.guides),
             "play_m": 0.0 if play.pressed else play.least,
             "pressed_m": play.pressed,
             "chances": dict(self.chances),

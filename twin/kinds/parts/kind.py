@@ -116,7 +116,7 @@ class PartKind(AssemblyKind):
         """Return the names of the machines that may be disturbed, without unattended processes."""
         return disturbed_machines(self.section)
 
-    def lies_as_given(self) -> bool:
+    def has_given_starts(self) -> bool:
         """Return whether no part comes from a source or belongs to one of several products."""
         return not (self.section.sources or self.section.products)
 
@@ -147,8 +147,10 @@ class PartKind(AssemblyKind):
         rules = self.section.grips
         for robot in (outfit for one in cell.robots for outfit in one.outfits):
             tool = cell.tools.get(robot.tool or "")
-            told = tool is not None and (tool.suction or tool.opening_m is not None)
-            suction = tool.suction if tool is not None and told else rules.suction
+            specified = tool is not None and (
+                tool.suction or tool.opening_m is not None
+            )
+            suction = tool.suction if tool is not None and specified else rules.suction
             for act, key in ((Actuation.CLOSE, "close_s"), (Actuation.OPEN, "open_s")):
                 said = None if tool is None else getattr(tool, key)
                 given = getattr(rules, key) if said is None else said

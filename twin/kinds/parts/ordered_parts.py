@@ -40,7 +40,7 @@ class OrderedParts:
         return build_assembly(self.section)
 
     @cached_property
-    def there(self) -> Workcell:
+    def cell_without_alike_parts(self) -> Workcell:
         """The cell without interchangeable parts, as each may come from any place."""
         from planning.parts.alike import without_start_places
 
@@ -54,7 +54,7 @@ class OrderedParts:
         if self.section.order != "find":
             return self.listed
         try:
-            return order_steps_by_search(self.there, self.listed)
+            return order_steps_by_search(self.cell_without_alike_parts, self.listed)
         except (ConstructionError, InfeasibleStepError) as error:
             return error.message
 
@@ -64,7 +64,7 @@ class OrderedParts:
         if isinstance(self.found, str):
             return None
         try:
-            return part_steps(self.there, self.found)
+            return part_steps(self.cell_without_alike_parts, self.found)
         except InfeasibleStepError:
             return None
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from planning.tasks.task import Task, TaskKind, is_done_to_a_product
+from planning.tasks.task import Task, TaskKind, is_product_task
 from scheduling.copies import Pattern, product_part_name
 from twin.kinds.parts.line import Line
 
@@ -55,7 +55,7 @@ def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
             leave.append(task.index)
         elif leave or task.step in line.supply.elsewhere:
             continue
-        elif is_done_to_a_product(task):
+        elif is_product_task(task):
             first.append(task.index)
     if leave:
         yield from ((leave[-1], task, 1) for task in first)

@@ -251,8 +251,8 @@ def disturbed_machines(section: PartsSection) -> Iterator[str]:
 def _check_work(section: PartsSection, cell: CellSection) -> Found:
     """Yield processes without capable robots, and unknown places."""
     robots = cell.robots
-    worn = (own.tool for robot in robots for own in robot.outfits)
-    tools = tuple(dict.fromkeys(tool for tool in worn if tool))
+    outfit_tools = (own.tool for robot in robots for own in robot.outfits)
+    tools = tuple(dict.fromkeys(tool for tool in outfit_tools if tool))
     for name, process in section.processes.items():
         if process.tool is not None and process.tool not in tools:
             at: KeyPath = ("assembly", "processes", name, "tool")

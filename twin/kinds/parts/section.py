@@ -110,7 +110,7 @@ class PartSection(ShapedSection):
     not_both = (("mass_kg", "density_kg_m3"), ("start", "starts"), ("goal", "goals"))
 
     @model_validator(mode="after")
-    def _comes_from_somewhere(self) -> PartSection:
+    def _check_source(self) -> PartSection:
         if (self.start is None and self.starts is None) == (self.source is None):
             raise ValueError(
                 "where does it come from? Give start, a pose, or source, the name of one"

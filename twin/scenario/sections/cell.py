@@ -135,7 +135,7 @@ class ToolSection(Section):
         return self
 
     @model_validator(mode="after")
-    def _something(self) -> ToolSection:
+    def _check_not_empty(self) -> ToolSection:
         if (self.description is None) == (not self.shapes):
             raise ValueError("give description or shapes, one of them")
         if self.description is None and (self.joints or self.within_m is not None):
@@ -372,7 +372,7 @@ class CellSection(Section):
     clearance: ClearanceSection = ClearanceSection()
 
     @model_validator(mode="after")
-    def _someone(self) -> CellSection:
+    def _check_robots_given(self) -> CellSection:
         if not self.listed and self.team is None:
             raise ValueError("key 'robots' is missing: a cell needs robots, or a team")
         return self

@@ -259,18 +259,18 @@ class ExecutionSection(Disturbances):
             reasons.append("breakdowns happen at times of the run's clock")
         return reasons
 
-    def known_when_it_happens(self) -> list[str]:
+    def describe_unforeseen_events(self) -> list[str]:
         """Return what is only planned for once it has happened, at times of the run's clock, in words."""
-        told = {"outages": self.outages, "late": self.late, "changes": self.changes}
+        sections = {"outages": self.outages, "late": self.late, "changes": self.changes}
         return [
             f"{key}: happens at times of the run's clock"
-            for key, own in told.items()
+            for key, own in sections.items()
             if own
         ]
 
-    def may_be_planned_anew(self) -> bool:
-        """Tell whether anything may happen for which it would be planned anew."""
-        return bool(self.failures) or bool(self.known_when_it_happens())
+    def may_be_replanned(self) -> bool:
+        """Tell whether anything may happen that requires replanning."""
+        return bool(self.failures) or bool(self.describe_unforeseen_events())
 
     @property
     def report_s(self) -> float:

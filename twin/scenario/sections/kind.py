@@ -263,7 +263,7 @@ class AssemblyKind(Protocol):
         """Return the names of the machines that may be disturbed."""
         return ()
 
-    def lies_as_given(self) -> bool:
+    def has_given_starts(self) -> bool:
         """Return whether every part lies at the start where the scenario gives its pose."""
         return False
 

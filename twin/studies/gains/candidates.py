@@ -48,22 +48,17 @@ class CandidateLimits(NamedTuple):
     robots: int
 
     @property
-    def levers(self) -> int:
+    def most_interventions(self) -> int:
         """Maximum number of candidates of all kinds."""
         groups = self.robots + self.skills + 3 * (self.robots + 1)
         return self.tasks + self.waits + groups + 5
-
-
-MANY = CandidateLimits(tasks=20, skills=7, waits=12, robots=8)
-FEW = CandidateLimits(tasks=6, skills=7, waits=0, robots=2)
-"""By longest paths, and by events, which take a thousand times as long."""
 
 
 def candidates(
     replay: Replay,
     found: Completions,
     model: ExecutionModel,
-    most: CandidateLimits = MANY,
+    most: CandidateLimits,
 ) -> list[Intervention]:
     """Return the candidate interventions, by kind.
 
@@ -71,22 +66,22 @@ def candidates(
     most that the mean makespan can gain by it; levers are chosen by that.
     """
     work = np.where(found.critical, replay.work_ns, 0).mean(axis=1)
-    levers = _best(_tasks(replay, work), most.tasks)
-    levers += _best(_robots(replay, work), most.robots)
-    levers += _best(_skills(replay, work), most.skills)
+    interventions = _best(_tasks(replay, work), most.tasks)
+    interventions += _best(_robots(replay, work), most.robots)
+    interventions += _best(_skills(replay, work), most.skills)
     if replay.eases_waits:
-        levers += _best(_waits(replay, found), most.waits)
+        interventions += _best(_waits(replay, found), most.waits)
         for cause, name in WAIT_NAMES.items():
             edges = np.flatnonzero(replay.graph.cause == cause)
             if found.critical_edge[edges].any():
-                levers.append(Intervention("wait", name, edges=edges))
+                interventions.append(Intervention("wait", name, edges=edges))
     for stand in _STANDS:
         stands = list(_standstills(replay, found, stand))
         # One robot's standstills are all there are.
-        levers += _best(iter(stands[:1]), 1)
-        levers += _best(iter(stands[1:]), most.robots) if len(stands) > 2 else []
-    levers += _others(model)
-    return levers
+        interventions += _best(iter(stands[:1]), 1)
+        interventions += _best(iter(stands[1:]), most.robots) if len(stands) > 2 else []
+    interventions += _others(model)
+    return interventions
 
 
 def task_names(tasks: Sequence[Task]) -> list[str]:
@@ -102,10 +97,14 @@ def task_names(tasks: Sequence[Task]) -> list[str]:
 def _best(scored: Scored, most: int) -> list[Intervention]:
     """Return the interventions that were critical for longest, without those that never were."""
     ordered = sorted(
-        ((score, k, lever) for k, (score, lever) in enumerate(scored) if score > 0),
+        (
+            (score, k, intervention)
+            for k, (score, intervention) in enumerate(scored)
+            if score > 0
+        ),
         key=lambda entry: (-entry[0], entry[1]),
     )
-    return [lever for _, _, lever in ordered[:most]]
+    return [intervention for _, _, intervention in ordered[:most]]
 
 
 def _tasks(replay: Replay, work: Nanoseconds) -> Scored:
@@ -114,8 +113,8 @@ def _tasks(replay: Replay, work: Nanoseconds) -> Scored:
     for index in np.unique(task).tolist():
         rows = np.flatnonzero(task == index)
         robot = replay.tpg.tasks[index].robot
-        lever = Intervention("task", names[index], robot, index, rows)
-        yield float(work[rows].sum()), lever
+        intervention = Intervention("task", names[index], robot, index, rows)
+        yield float(work[rows].sum()), intervention
 
 
 def _skills(replay: Replay, work: Nanoseconds) -> Scored:
@@ -170,8 +169,8 @@ def _standstills(replay: Replay, found: Completions, cause: Cause) -> Scored:
     every = ("", np.arange(len(stood)))
     for robot, rows in (every, *_rows_of_robots(replay)):
         name = f"{_STANDS[cause]} of {robot or _EVERYONE}"
-        lever = Intervention("stall", name, robot, None, rows, (cause,))
-        yield float(stood[rows].sum()), lever
+        intervention = Intervention("stall", name, robot, None, rows, (cause,))
+        yield float(stood[rows].sum()), intervention
 
 
 def _rows_of_robots(replay: Replay) -> Iterator[tuple[str, Nanoseconds]]:
@@ -182,14 +181,18 @@ def _rows_of_robots(replay: Replay) -> Iterator[tuple[str, Nanoseconds]]:
 
 def _others(model: ExecutionModel) -> list[Intervention]:
     """Return interventions without nodes: stops and messages."""
-    levers = []
+    interventions = []
     own = model.disturbances
     if own.breakdowns is not None and own.breakdowns.clock == "run":
-        levers.append(
+        interventions.append(
             Intervention("stall", "breakdowns by the clock", stops="breakdowns")
         )
     if own.emergency_stops:
-        levers.append(Intervention("stall", "emergency stops", stops="emergency stops"))
+        interventions.append(
+            Intervention("stall", "emergency stops", stops="emergency stops")
+        )
     if not model.messages.instant and model.policy != "open-loop":
-        levers.append(Intervention("message", "messages on their way", messages=True))
-    return levers
+        interventions.append(
+            Intervention("message", "messages on their way", messages=True)
+        )
+    return interventions

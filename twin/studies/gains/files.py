@@ -9,7 +9,12 @@ from itertools import product
 from pathlib import Path
 
 from twin.host.atomic_files import write_json, write_text
-from twin.studies.gains.gains import LEVER_FIELDS, SHORTER, CellGains, gain_content
+from twin.studies.gains.gains import (
+    INTERVENTION_FIELDS,
+    SHORTER,
+    CellGains,
+    gain_content,
+)
 from twin.studies.replications.experiment import Experiment
 
 JSON, CSV = "gains.json", "gains.csv"
@@ -38,7 +43,13 @@ def write_gains(
         ],
     }
     write_json(folder / JSON, content)
-    names = ["policy", *experiment.variants[0], "replications", "rank", *LEVER_FIELDS]
+    names = [
+        "policy",
+        *experiment.variants[0],
+        "replications",
+        "rank",
+        *INTERVENTION_FIELDS,
+    ]
     for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
         names += [f"{less}_{statistic}{bound}" for bound in ("", "_low", "_high")]
     text = io.StringIO()
@@ -47,11 +58,11 @@ def write_gains(
     for (policy, variant), cell in zip(experiment.cells, cells, strict=True):
         own = [policy, *map(str, variant.values()), cell.replications]
         for rank, gain in enumerate(cell.gains, start=1):
-            told = gain_content(gain)
-            row = [*own, rank, *(told[key] for key in LEVER_FIELDS)]
-            row[len(own) + 2] = str(gain.lever.many).lower()
+            figures = gain_content(gain)
+            row = [*own, rank, *(figures[key] for key in INTERVENTION_FIELDS)]
+            row[len(own) + 2] = str(gain.intervention.many).lower()
             for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
-                interval = told[less][statistic]
+                interval = figures[less][statistic]
                 row += [interval[key] for key in ("estimate", "low", "high")]
             writer.writerow(row)
     write_text(folder / CSV, text.getvalue())

@@ -11,7 +11,7 @@ import numpy as np
 from planning.transforms import Array, Indices
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.host.progress import Report, report_nothing
-from twin.studies.gains.candidates import FEW, MANY, candidates
+from twin.studies.gains.candidates import CandidateLimits, candidates
 from twin.studies.gains.paired_quantiles import PairedQuantiles
 from twin.studies.gains.replays import (
     Intervention,
@@ -35,6 +35,10 @@ LEADING = 7
 TRYING = "what is worth fixing"
 """Name of the stage for progress displays."""
 
+_MANY = CandidateLimits(tasks=20, skills=7, waits=12, robots=8)
+_FEW = CandidateLimits(tasks=6, skills=7, waits=0, robots=2)
+"""By longest paths, and by events, which take a thousand times as long."""
+
 _BUDGET = 500_000_000
 """Nodes and edges looked at for a study: some seconds, whatever its size."""
 
@@ -51,7 +55,7 @@ _LEAST_BY_EVENTS, _MOST_BY_EVENTS = 8, 200
 _MOST_VALUES = 8_000_000
 """Nodes and edges times replications that are in memory at once."""
 
-LEVER_FIELDS = ("kind", "many", "name", "robot", "task")
+INTERVENTION_FIELDS = ("kind", "many", "name", "robot", "task")
 """What both files say of a lever."""
 
 
@@ -72,12 +76,12 @@ class Gain:
     """Reduction of the makespan by one intervention.
 
     Attributes:
-        lever: the intervention.
+        intervention: the intervention.
         shorter: when it takes a fifth less.
         gone: when it takes none.
     """
 
-    lever: Intervention
+    intervention: Intervention
     shorter: Saving
     gone: Saving
 
@@ -99,7 +103,7 @@ class CellGains:
 
     def best(self, most: int, *, many: bool) -> tuple[Gain, ...]:
         """Return the greatest gains of joint or of single interventions."""
-        return tuple(g for g in self.gains if g.lever.many == many)[:most]
+        return tuple(g for g in self.gains if g.intervention.many == many)[:most]
 
     @property
     def leading(self) -> tuple[dict[str, Any], ...]:
@@ -138,12 +142,12 @@ def cell_gains(
     replay = Replay(load, numbers)
     if len(replay.numbers) == 0:
         return CellGains(0, engine, ())
-    most = FEW if engine == "events" else MANY
+    most = _FEW if engine == "events" else _MANY
     found = replay.base()
-    levers = candidates(replay, found, load.execution, most)
+    interventions = candidates(replay, found, load.execution, most)
     base = _seconds(found.makespan_ns)
     del found  # as large as all draws, several times
-    gains = list(_gains(experiment, load, replay, base, levers))
+    gains = list(_gains(experiment, load, replay, base, interventions))
     gains.sort(key=lambda gain: -gain.shorter.mean_s.estimate)
     helpful = tuple(gain for gain in gains if gain.gone.mean_s.estimate > 0)
     return CellGains(len(replay.numbers), engine, helpful)
@@ -154,7 +158,7 @@ def _gains(
     load: Workload,
     replay: Replay,
     base: Array,
-    levers: Sequence[Intervention],
+    interventions: Sequence[Intervention],
 ) -> Iterator[Gain]:
     confidence = experiment.precision.confidence
     # Mirror images stay together only where none of them is left out.
@@ -165,27 +169,33 @@ def _gains(
     p90 = PairedQuantiles(
         base, QUANTILE, confidence=confidence, seed=load.seed, antithetic=mirrored
     )
-    for lever in levers:
+    for intervention in interventions:
         savings = []
         for less in (SHORTER, GONE):
-            changed = _seconds(replay.makespans_ns(lever, less))
+            changed = _seconds(replay.makespans_ns(intervention, less))
             mean = mean_interval(
                 base - changed, confidence=confidence, antithetic=mirrored
             )
-            savings.append(Saving(mean_s=mean, p90_s=p90.fall(changed)))
-        yield Gain(lever, *savings)
+            savings.append(Saving(mean_s=mean, p90_s=p90.reduction(changed)))
+        yield Gain(intervention, *savings)
 
 
 def _affordable(load: Workload, count: int, share: float) -> int:
     """Return the number of replications of a cell to execute again."""
-    levers, least, most, budget = MANY.levers, _LEAST_RUNS, _MOST_RUNS, _BUDGET
+    interventions, least, most, budget = (
+        _MANY.most_interventions,
+        _LEAST_RUNS,
+        _MOST_RUNS,
+        _BUDGET,
+    )
     if needs_event_engine(load):
-        levers, budget = FEW.levers, _BUDGET_BY_EVENTS
+        interventions, budget = _FEW.most_interventions, _BUDGET_BY_EVENTS
         least, most = _LEAST_BY_EVENTS, _MOST_BY_EVENTS
-    affordable = share * budget / (2 * levers * replay_cost(load))
+    affordable = share * budget / (2 * interventions * replay_cost(load))
     # A replication of a study takes a few times as long as to execute it again by paths.
     affordable = max(
-        affordable, count / (4 * levers if needs_event_engine(load) else levers)
+        affordable,
+        count / (4 * interventions if needs_event_engine(load) else interventions),
     )
     if needs_event_engine(load) and affordable < least:
         return 0
@@ -201,5 +211,9 @@ def _seconds(nanoseconds: Indices) -> Array:
 
 def gain_content(gain: Gain) -> dict[str, Any]:
     """Return a gain for JSON."""
-    lever = {key: getattr(gain.lever, key) for key in LEVER_FIELDS}
-    return {**lever, "shorter": gain.shorter.content(), "gone": gain.gone.content()}
+    intervention = {key: getattr(gain.intervention, key) for key in INTERVENTION_FIELDS}
+    return {
+        **intervention,
+        "shorter": gain.shorter.content(),
+        "gone": gain.gone.content(),
+    }

@@ -64,7 +64,7 @@ class PairedQuantiles:
         self._window = n - self._rank + int(6.0 * sd) + 8
         self._resampled = self._resample(self._base)
 
-    def fall(self, changed: npt.ArrayLike) -> Interval:
+    def reduction(self, changed: npt.ArrayLike) -> Interval:
         """Return the reduction of a quantile from the base to a changed sample."""
         values = np.asarray(changed, dtype=float)
         ordered, n = np.sort(values), len(values)

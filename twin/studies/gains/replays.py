@@ -133,14 +133,12 @@ class Replay:
             free = with_full_speed_times(load.tpg)
             sampler = NodeTimeSampler(free, model.durations, model.disturbances)
             times = sampler.sample_segments(cut, seed=load.seed, replications=numbers)
-            graph = graph_until_work_is_done(
-                cut.tpg, policy_graph(cut.tpg, model.policy)
-            )
+            graph = graph_until_work_ends(cut.tpg, policy_graph(cut.tpg, model.policy))
         else:
             self._bulk = BulkEngine(load.tpg, model)
             cut = self._bulk.contraction
             times = self._bulk.sample(seed=load.seed, replications=numbers)
-            graph = graph_until_work_is_done(cut.tpg, self._bulk.graph)
+            graph = graph_until_work_ends(cut.tpg, self._bulk.graph)
             self._bulk.graph = graph
         self.tpg, self.graph = cut.tpg, graph
         self.numbers, self.times = numbers[~times.fails], times.completing()
@@ -159,25 +157,29 @@ class Replay:
             self.graph, *self._by_events(self.times, self._model)
         )
 
-    def makespans_ns(self, lever: Intervention, share: float) -> Nanoseconds:
+    def makespans_ns(self, intervention: Intervention, share: float) -> Nanoseconds:
         """Return makespans with an intervention shortened by a share, shape (r,) [ns]."""
-        if len(lever.edges):
+        if len(intervention.edges):
             busy_ns = self.times.busy_ns
-            return makespans_with_eased_waits(self.graph, busy_ns, lever.edges, share)
+            return makespans_with_eased_waits(
+                self.graph, busy_ns, intervention.edges, share
+            )
         model = self._model
-        if lever.messages:
+        if intervention.messages:
             model = replace(model, messages=speed_up_messages(model.messages, share))
-        if lever.stops:
-            fewer = _shorter_stops(model.disturbances, lever.stops, share)
+        if intervention.stops:
+            fewer = _shorter_stops(model.disturbances, intervention.stops, share)
             model = replace(model, disturbances=fewer)
-        with self._shortened(lever, share) as times:
+        with self._shortened(intervention, share) as times:
             if self._bulk is not None:
                 said = model.messages.under(model.policy)
                 return self._bulk.makespans(times, said)
             return makespans(self.graph, self._by_events(times, model)[1])
 
     @contextmanager
-    def _shortened(self, lever: Intervention, share: float) -> Iterator[SegmentTimes]:
+    def _shortened(
+        self, intervention: Intervention, share: float
+    ) -> Iterator[SegmentTimes]:
         """Yield node times with an intervention shortened by a share.
 
         Each node is made shorter by itself; standstills stay as they were drawn unless they
@@ -185,11 +187,11 @@ class Replay:
         itself is changed, and is as before afterwards: a copy of all takes longer than to
         execute it again.
         """
-        busy_ns, rows = self.times.busy_ns, lever.rows
+        busy_ns, rows = self.times.busy_ns, intervention.rows
         kept, groups = busy_ns[rows], list(self.times.standstills)
-        if lever.causes:
+        if intervention.causes:
             for k, group in enumerate(groups):
-                if group.cause in lever.causes:
+                if group.cause in intervention.causes:
                     own = np.isin(group.node, rows)
                     less = shorten_times(group.duration_ns, share)
                     less = np.where(own, less, group.duration_ns)
@@ -237,7 +239,7 @@ class Replay:
         return start, end
 
 
-def graph_until_work_is_done(
+def graph_until_work_ends(
     tpg: TemporalPlanGraph, graph: PrecedenceArrays
 ) -> PrecedenceArrays:
     """Return the graph of runs that end when all work is done.

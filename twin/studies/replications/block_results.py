@@ -64,6 +64,8 @@ UNKNOWN = -(2**62)
 """Time that passed in a window of a replication that did not complete [ns]."""
 _TALLY = ("critical", "critical_edges", "slack_ns", "start_ns", "end_ns")
 
+Part = TypeVar("Part", "OperatedRows", "ProductTimes", "WindowTimes")
+
 
 @dataclass(frozen=True)
 class ReplicationRows:
@@ -241,9 +243,6 @@ class BlockResult:
     tally: TaskTally
     products: ProductTimes | None = None
     windows: WindowTimes | None = None
-
-
-Part = TypeVar("Part", OperatedRows, ProductTimes, WindowTimes)
 
 
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[list[int], tuple[int, ...]]:

@@ -79,7 +79,9 @@ def run_replications(
                 for cell, load in enumerate(workloads)
                 for block in blocks_of(cell, begin, target, _block_size(load))
             ]
-            run.compute(b for b in blocks if not (b in done and run.takes_kept(b)))
+            run.compute(
+                b for b in blocks if not (b in done and run.accept_stored_block(b))
+            )
             wanted.update(blocks)
             begin = target
             if run.has_enough(target):
@@ -129,13 +131,13 @@ class _Run:
     def __exit__(self, *_: object) -> None:
         self._opened.close()
 
-    def takes_kept(self, block: Block) -> bool:
+    def accept_stored_block(self, block: Block) -> bool:
         """Count a block that has a file; if it is unusable, move the file away and return False."""
         try:
             self._count(read_block(self._folder, block, self._made_from[block.cell]))
         except OutputError as error:
             place = quarantine_block(self._folder, block)
-            _log.warning("%s; computed anew, the file is now %s", error, place)
+            _log.warning("%s; recomputed, the file is now %s", error, place)
             return False
         return True
 
@@ -155,7 +157,7 @@ class _Run:
                 restarts += 1
                 if restarts > _RESTARTS:
                     raise TwinError(
-                        f"workers died {restarts} times; what was done is kept, go on with"
+                        f"workers died {restarts} times; what was done is kept, continue with"
                         " --resume and fewer --workers"
                     ) from error
 

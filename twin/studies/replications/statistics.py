@@ -83,8 +83,8 @@ class Interval:
         missing = "a lower limit" if above else "an upper limit" if below else "limits"
         known = f"at least {low}" if below else f"at most {high}" if above else ""
         needed = self.replications_needed
-        told = f"{needed} replications needed for {missing}" if needed else ""
-        return "; ".join(filter(None, (known, told)))
+        hint = f"{needed} replications needed for {missing}" if needed else ""
+        return "; ".join(filter(None, (known, hint)))
 
 
 SummaryEntry = Annotated[Interval, PlainSerializer(Interval.content)]

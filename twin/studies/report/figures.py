@@ -152,7 +152,9 @@ def draw_ranking(summary: StudySummary, policy: str) -> Figure:
             bound if np.isfinite(bound) else row.mean_s
             for bound in (mean.low, mean.high)
         )
-        colour = _BEST if row.rank == 1 else _OTHER if row.told_apart else _ALIKE
+        colour = (
+            _BEST if row.rank == 1 else _OTHER if row.significantly_slower else _ALIKE
+        )
         axes.barh(place, row.mean_s, color=colour, height=0.62)
         axes.plot([low, high], [place, place], color=INK, linewidth=1.4)
         axes.annotate(

@@ -68,10 +68,10 @@ def table(
 
 
 def text_table(
-    caption: str, told: tuple[Sequence[str], Iterable[Iterable[str]]], kind: str = ""
+    caption: str, content: tuple[Sequence[str], Iterable[Iterable[str]]], kind: str = ""
 ) -> str:
     """Return a table of words, its head and its rows given; nothing where there are no rows."""
-    head, rows = told
+    head, rows = content
     return table(caption, head, [map(escape_text, row) for row in rows], kind)
 
 

@@ -41,15 +41,15 @@ HONEST = (
     " executed again with that one thing changed. What robots do after their last work, such as"
     " going HOME, is part of the makespan and of nothing here. These are gains of the model, as good as its times are. Whether something can be"
     " made shorter, and what that costs, it does not know; gains of several do not add up, and"
-    " robots are never assigned or planned anew. A wait that is gone is a robot that does not"
+    " robots are never reassigned or replanned. A wait that is gone is a robot that does not"
     " wait, whatever stands in its way: more than any better plan can do."
 )
 
 OPERATED = (
-    "Where a skill failed for good, or a robot was out, what was left was planned anew. Makespans are of"
+    "Where a skill failed for good, or a robot was out, the remaining work was replanned. Makespans are of"
     " replications in which all steps were done. Regret is by how much they are longer than those of a plan that"
     " knew from the beginning what would be lost, in which attempts fail and never for good. What follows further"
-    " down, such as what is worth fixing, is of the first plan, and of replications in which nothing was planned anew."
+    " down, such as what is worth fixing, is of the first plan, and of replications in which nothing was replanned."
 )
 _SHARE = "{:.1f} %"
 
@@ -90,10 +90,8 @@ def _table(caption: str, gains: Sequence[Gain]) -> str:
     for rank, gain in enumerate(gains, start=1):
         width = 100.0 * max(gain.shorter.mean_s.estimate, 0.0) / max(longest, 1e-12)
         bar = f'<div class="bar" style="width:{width:.0f}%"></div>'
-        kind = (
-            f'<span class="kind">{KINDS.get(gain.lever.kind, gain.lever.kind)}</span>'
-        )
-        row = [str(rank), kind, escape_text(gain.lever.name) + bar]
+        kind = f'<span class="kind">{KINDS.get(gain.intervention.kind, gain.intervention.kind)}</span>'
+        row = [str(rank), kind, escape_text(gain.intervention.name) + bar]
         for saving in (gain.shorter, gain.gone):
             row += [format_estimate(one) for one in (saving.mean_s, saving.p90_s)]
         rows.append(row)
@@ -279,7 +277,7 @@ def ranking_table(summary: StudySummary, policy: str) -> str:
             *(breakable(row.variant[key]) for key in keys),
             f"{row.mean_s:.1f}",
             escape_text(row.behind),
-            "" if row.rank == 1 or row.told_apart else "not told apart",
+            "" if row.rank == 1 or row.significantly_slower else "not distinguished",
         ]
         for row in rows
     ]
@@ -392,7 +390,7 @@ def difference_list(summary: StudySummary) -> str:
 
 def collision_lists(summary: StudySummary) -> str:
     """Return lists of collisions in open-loop cells and with base errors, if studied."""
-    titles = {True: "When nobody waits for anybody", False: "When bases are off"}
+    titles = {True: "When no robot waits for another", False: "When bases are off"}
     out = ""
     for is_open, title in titles.items():
         texts = [

@@ -248,7 +248,7 @@ def _cell(result: StudyResult, cell: int) -> Pieces:
         return
     tally = cell_tally(result.folder / BLOCKS, cell)
     if not tally.count:
-        yield paragraph("Something was planned anew in every replication.")
+        yield paragraph("Every replication was replanned.")
         return
     if drawn:
         yield heading("When tasks are done, and which are critical", 3)

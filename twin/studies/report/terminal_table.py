@@ -119,8 +119,8 @@ def _print_lines(console: Console, summary: StudySummary) -> None:
         for line in lines:
             table.add_row(*map(Text, line))
         console.print(table)
-    for told in holding_texts(summary):
-        console.print(told, soft_wrap=True)
+    for text in holding_texts(summary):
+        console.print(text, soft_wrap=True)
 
 
 def _print_ranking(
@@ -142,7 +142,9 @@ def _print_ranking(
     for row in rows:
         cell = summary.cells[row.cell]
         values = (str(row.variant[key]) for key in keys)
-        doubt = "" if row.rank == 1 or row.told_apart else ", not told apart"
+        doubt = (
+            "" if row.rank == 1 or row.significantly_slower else ", not distinguished"
+        )
         mean, p90 = (
             _estimate(cell.makespan_s),
             _quantile(cell.makespan_p90_s),
@@ -170,7 +172,7 @@ def _print_gains(console: Console, result: StudyResult) -> None:
     for many, most in _TOP:
         for gain in gains.best(most, many=many):
             shown = (gain.shorter.mean_s, gain.shorter.p90_s, gain.gone.mean_s)
-            table.add_row(gain.lever.name, *(_estimate(one, 2) for one in shown))
+            table.add_row(gain.intervention.name, *(_estimate(one, 2) for one in shown))
         table.add_section()
     console.print(table)
 
@@ -188,8 +190,8 @@ def _estimate(found: Interval | None, digits: int = 1, *, bare: bool = False) ->
     if found is None:
         return "-"
     half = found.half_width
-    told = "" if bare or not isfinite(half) else f" ± {half:.{digits}f}"
-    return f"{found.estimate:.{digits}f}{told}"
+    text = "" if bare or not isfinite(half) else f" ± {half:.{digits}f}"
+    return f"{found.estimate:.{digits}f}{text}"
 
 
 def _quantile(found: Interval | None) -> str:
@@ -205,10 +207,10 @@ def _print_open(
     """Print how many replications are needed where quantiles have no limits."""
     found = ((p, getattr(cell, f"makespan_p{p}_s")) for p in shown for cell in cells)
     needed = {p: one.replications_needed for p, one in found if one is not None}
-    told = ", ".join(f"{count} for P{p}" for p, count in needed.items() if count)
-    if told:
+    text = ", ".join(f"{count} for P{p}" for p, count in needed.items() if count)
+    if text:
         words = "≥: from so few replications there is no upper limit; needed are"
-        console.print(f"{words} {told}", soft_wrap=True)
+        console.print(f"{words} {text}", soft_wrap=True)
 
 
 def _percent(found: Interval) -> str:

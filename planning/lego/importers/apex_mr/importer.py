@@ -331,7 +331,7 @@ def _steps(
         number = str(step.integer("brick_id"))
         kind = _type(file, key, number, types)
         entry = {"brick": kind.name, **step.cell("").entry}
-        entry |= _ways(step, _press(step, kind, wanted, notes))
+        entry |= _method(step, _press(step, kind, wanted, notes))
         if stock is not None and step.content.get("brick_seq") not in (None, "", NONE):
             source = _prescribed(step, number, stock)
             if source.get("fixed") or source["name"] in used:
@@ -345,7 +345,7 @@ def _steps(
     return out
 
 
-def _ways(step: Record, press: Mapping[str, Any]) -> dict[str, Any]:
+def _method(step: Record, press: Mapping[str, Any]) -> dict[str, Any]:
     """Return the method of a step, as far as the file states it, with the grip that was read."""
     entry: dict[str, Any] = {"place": "up"} if _is_up(step) else {}
     entry |= press

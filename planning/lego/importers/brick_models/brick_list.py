@@ -8,7 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from planning.lego.bricks.assembly import BRICKS, Cell
+from planning.lego.bricks.assembly import Cell
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.drawing import type_of_size
 from planning.lego.importers.brick_models.model import (
     BrickModel,

@@ -15,7 +15,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from planning.lego.bricks.assembly import BRICKS, BrickType
+from planning.lego.bricks.assembly import BrickType
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.importers.brick_models.model import FileFaults
 from planning.transforms import Array
 
@@ -149,15 +150,15 @@ class Reference:
     @property
     def source(self) -> str:
         """Its location, such as ``"line 12 by way of line 3"``."""
-        return f"line {self.line}{self._way}"
+        return f"line {self.line}{self._reference_chain}"
 
     @property
     def words(self) -> str:
         """Its file and reference chain, such as ``"3001.dat by way of line 3"``."""
-        return f"{self.name}{self._way}"
+        return f"{self.name}{self._reference_chain}"
 
     @property
-    def _way(self) -> str:
+    def _reference_chain(self) -> str:
         return "".join(f" by way of line {k}" for k in reversed(self.via))
 
 

@@ -261,8 +261,8 @@ def test_what_would_fall_is_kept_hold_of_until_it_stands() -> None:
 
 
 def test_two_robots_build_what_falls_while_one_of_them_lets_go() -> None:
-    alone = toy_problem((POST, LONG, WEIGHT, END), 2)
-    problem = replace(alone, statics=StandingRules(friction=FRICTION))
+    able_alone = toy_problem((POST, LONG, WEIGHT, END), 2)
+    problem = replace(able_alone, statics=StandingRules(friction=FRICTION))
     plan = plan_construction(problem)
     ends = plan.building.placed
     assert list(ends) == ["post", "long", "weight", "end"]
@@ -341,11 +341,11 @@ def test_no_robot_is_asked_to_carry_more_than_it_may() -> None:
     cell = replace(problem.cell, robots=(replace(light, model=weak), strong))
     mixed = replace(problem, cell=cell)
     bounds = require_buildable(mixed)
-    assert bounds.alone(mixed.part("post")) == ("robot1", "robot2")
-    assert bounds.alone(mixed.part("beam")) == ("robot2",)
+    assert bounds.able_alone(mixed.part("post")) == ("robot1", "robot2")
+    assert bounds.able_alone(mixed.part("beam")) == ("robot2",)
     assert not bounds.may_bring(mixed.part("beam"), ("robot2", "robot1"))
-    alone = replace(cell, robots=cell.robots[:1])
+    able_alone = replace(cell, robots=cell.robots[:1])
     with pytest.raises(
         ConstructionError, match=r"beam is too heavy .* robot1: .* 20 kg"
     ):
-        require_buildable(replace(problem, cell=alone))
+        require_buildable(replace(problem, cell=able_alone))

@@ -196,4 +196,4 @@ def test_robots_of_one_kind_are_asked_once() -> None:
     assert (
         bounds.pick_grips("arm", part) == bounds.pick_grips("other", part) == (0, 1, 2)
     )
-    assert bounds.alone(part) == ("arm", "other")
+    assert bounds.able_alone(part) == ("arm", "other")

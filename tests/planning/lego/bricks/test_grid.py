@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import (
-    BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
@@ -30,6 +29,7 @@ from planning.lego.bricks.brick_grips import (
     side_studs,
 )
 from planning.lego.bricks.brick_tiles import BrickTiles
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.brick_world import plate_fixture, stock_objects
 from planning.lego.bricks.grid import (
     box_from_top,

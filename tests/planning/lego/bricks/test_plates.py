@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError, ScenarioError
 from planning.lego.bricks.assembly import (
-    BRICKS,
     STUD_PITCH,
     BrickType,
     Cell,
@@ -27,6 +26,7 @@ from planning.lego.bricks.brick_grips import (
     press_cell,
     side_contact_pose,
 )
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import (
     box_pose,
     box_size,

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
+from planning.lego.bricks.assembly import BrickType, Cell, PlacedBrick
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.drawing import (
     EMPTY,
     Drawing,

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell
+from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.importers.brick_models.brick_list import read_brick_list
 from planning.lego.importers.brick_models.ldraw import read_ldraw
 from planning.lego.importers.brick_models.ldraw_files import PARTS

@@ -10,7 +10,6 @@ from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
 from planning.handling.skill_targets import skill_postures
 from planning.lego.bricks.assembly import (
-    BRICKS,
     Cell,
     GridSpan,
     LegoStep,
@@ -18,6 +17,7 @@ from planning.lego.bricks.assembly import (
     Press,
 )
 from planning.lego.bricks.brick_grips import legal_presses
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import top_pose
 from planning.lego.importers.brick_models.brick_list import read_brick_list
 from planning.lego.importers.brick_models.cell import (

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from planning.errors import InfeasibleStepError
-from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
+from planning.lego.bricks.assembly import Cell, PlacedBrick
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.insertion.tool_room import (
     PLATE,

@@ -17,7 +17,6 @@ from PIL import Image
 
 from planning.errors import InfeasibleStepError, ScenarioError, UndecidedError
 from planning.lego.bricks.assembly import (
-    BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
@@ -30,6 +29,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_grips import legal_presses, press_cell
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.importers.apex_mr.importer import import_apex_mr
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
@@ -388,7 +388,7 @@ def test_the_force_that_is_borne_is_where_the_plain_program_gives_way() -> None:
     found = explain_step(_overhang(), 11, SequencingRules())
     assert found.needed == pytest.approx(1.5 * 2 * 3 * 0.85)
     assert found.bears < found.needed
-    assert found.bears == found.alone
+    assert found.bears == found.bears_unsupported
     sign = np.sign(found.load.force[2])
     for factor, stable in ((0.999, True), (1.001, False)):
         load = Load(
@@ -396,14 +396,14 @@ def test_the_force_that_is_borne_is_where_the_plain_program_gives_way() -> None:
         )
         loose = frozenset((found.load.body,))
         assert stability(found.bricks, loads=[load], loose=loose).stable == stable
-    assert max(found.strain.values()) == pytest.approx(found.report.score)
+    assert max(found.friction_shares.values()) == pytest.approx(found.report.score)
     assert found.report.score > 1.0
 
 
 def test_a_support_is_what_makes_the_difference(tmp_path: Path) -> None:
     found = explain_step(_overhang(Support(Cell(20, 18, 9), 0)), 11, SequencingRules())
     assert found.holds
-    assert found.alone < found.needed < found.bears
+    assert found.bears_unsupported < found.needed < found.bears
     (tmp_path / "step.png").write_bytes(draw_step(found))
     with Image.open(tmp_path / "step.png") as picture:
         assert picture.size == (1000, 550)

@@ -10,7 +10,6 @@ import numpy as np
 
 from planning.cell.workcell import Clearances, PlacedRobot, Workcell
 from planning.lego.bricks.assembly import (
-    BRICKS,
     Cell,
     LegoAssembly,
     LegoStep,
@@ -19,6 +18,7 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.brick_world import plate_fixture, stock_objects
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.targets import DEFAULT_TWIST

@@ -16,7 +16,6 @@ from planning.geometry.exact import hull_shape
 from planning.handling.skill_trial import ResolvedSkill
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.lego.bricks.assembly import (
-    BRICKS,
     Cell,
     LegoAssembly,
     LegoStep,
@@ -26,6 +25,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_grips import grip_pose, legal_presses
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.brick_world import BrickWorld, grasp_number, press_from_number
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
@@ -321,7 +321,7 @@ def test_three_arms_around_a_plate_take_turns() -> None:
 def test_an_arm_that_reaches_no_brick_leaves_the_others_as_they_were() -> None:
     found = _three_arms(("a", Cell(3, 40, 1)), ("b", Cell(43, 40, 1)))
     problem = found.problem
-    assert problem.able == ("left", "right")
+    assert problem.capable_robots == ("left", "right")
     two = replace(problem, robots=("left", "right"))
     assert assign_steps(problem) == assign_steps(two)
     robots = [choice.robot for choice in assign_steps(problem).choices]

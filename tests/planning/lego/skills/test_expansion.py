@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from planning.kinematics.kinematics import frame_pose
-from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBrick
+from planning.lego.bricks.assembly import Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.brick_grips import grip_pose
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import box_pose
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.expansion import PLACES, SUPPORTS, lego_work

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from planning.errors import RobotModelError
 from planning.handling.skill_targets import SkillTargets
 from planning.lego.bricks.assembly import (
-    BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
     Cell,
@@ -19,6 +18,7 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.grid import box_from_top
 from planning.lego.skills.handovers import giver_rest_poses, receive_poses
 from planning.lego.skills.targets import (

@@ -9,13 +9,8 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.bricks.assembly import (
-    BRICKS,
-    STUD_PITCH,
-    BrickType,
-    Cell,
-    PlacedBrick,
-)
+from planning.lego.bricks.assembly import STUD_PITCH, BrickType, Cell, PlacedBrick
+from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.stability.contacts import JointStrength, ToolHold, knob_points
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.statics.equilibrium import STANDARD_GRAVITY, Load

@@ -28,12 +28,12 @@ def test_gains_are_differences_of_the_same_replications() -> None:
     base = replay.base().makespan_ns / 1e9
     gains = [gain.shorter.mean_s.estimate for gain in cell.gains]
     assert gains == sorted(gains, reverse=True)
-    assert {gain.lever.kind for gain in cell.gains} == {
+    assert {gain.intervention.kind for gain in cell.gains} == {
         *("task", "skill", "robot", "wait")
     }
     for gain in cell.gains:
         for saving, share in ((gain.shorter, 0.2), (gain.gone, 1.0)):
-            changed = replay.makespans_ns(gain.lever, share) / 1e9
+            changed = replay.makespans_ns(gain.intervention, share) / 1e9
             assert saving.mean_s == mean_interval(base - changed)
             p90 = np.sort(base)[359] - np.sort(changed)[359]
             assert saving.p90_s.estimate == pytest.approx(p90, abs=1e-12)
@@ -53,7 +53,7 @@ def test_replications_that_are_tried_follow_from_sizes_alone() -> None:
     assert cell_gains(ONE, load, 500, share=0.0).replications == 0
     cell = cell_gains(ONE, load, 1000, share=0.0)
     assert (cell.replications, cell.engine) == (8, "events")
-    assert "emergency stops" in [gain.lever.name for gain in cell.gains]
+    assert "emergency stops" in [gain.intervention.name for gain in cell.gains]
 
 
 def test_a_plan_in_which_nothing_varies_has_exact_gains() -> None:
@@ -77,7 +77,7 @@ def test_quantiles_are_resampled_in_pairs(antithetic: bool) -> None:
         np.sort(np.repeat(base, own))[53] - np.sort(np.repeat(changed, own))[53]
         for own in weights
     ]
-    interval = paired.fall(changed)
+    interval = paired.reduction(changed)
     # Ranks of the 0.9 quantile of 60 values, at most 5 % beyond either.
     shifts = [np.sort(base)[k - 1] - np.sort(changed)[k - 1] for k in range(50, 60)]
     assert stats.binom.cdf(49, 60, 0.9) <= 0.05 < stats.binom.cdf(50, 60, 0.9)
@@ -92,7 +92,7 @@ def test_small_samples_leave_the_difference_of_quantiles_open() -> None:
     base = np.random.default_rng(4).gamma(4.0, 2.0, 36)
     for count, needed in ((35, 36), (36, None)):
         paired = PairedQuantiles(base[:count], 0.9, confidence=0.95, seed=0)
-        found = paired.fall(base[:count] - 1.0)
+        found = paired.reduction(base[:count] - 1.0)
         assert found.replications_needed == needed
         assert np.isfinite(found.half_width) == (needed is None)
         assert found.estimate == pytest.approx(1.0)
@@ -106,7 +106,9 @@ def test_intervals_of_quantiles_cover() -> None:
     for k in range(150):
         changed = rng.normal(size=300)
         base = changed + rng.normal(1.0, 0.5, size=300)
-        interval = PairedQuantiles(base, 0.9, confidence=0.95, seed=k).fall(changed)
+        interval = PairedQuantiles(base, 0.9, confidence=0.95, seed=k).reduction(
+            changed
+        )
         hits += interval.low <= truth <= interval.high
     assert hits >= 0.88 * 150
 

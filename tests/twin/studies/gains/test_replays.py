@@ -18,7 +18,7 @@ from twin.engine.execution import Execution, Ports
 from twin.engine.execution_model import Messages
 from twin.engine.simulated_robots import SimulatedRobots
 from twin.runs.execution_record import Policy
-from twin.studies.gains.candidates import candidates
+from twin.studies.gains.candidates import CandidateLimits, candidates
 from twin.studies.gains.replays import (
     Intervention,
     Replay,
@@ -44,17 +44,20 @@ BUSY = Disturbances(
     failures={"pick": SkillFailure(probability=0.3, retries=1)},
 )
 NUMBERS = np.arange(12)
+MANY = CandidateLimits(tasks=20, skills=7, waits=12, robots=8)
 
 
-def levers(load: Workload, replay: Replay) -> list[Intervention]:
-    return candidates(replay, replay.base(), load.execution)
+def interventions(load: Workload, replay: Replay) -> list[Intervention]:
+    return candidates(replay, replay.base(), load.execution, MANY)
 
 
-def require_equal(quick: Replay, events: Replay, lever: Intervention) -> None:
+def require_equal(quick: Replay, events: Replay, intervention: Intervention) -> None:
     """Both give the same nanoseconds, however much of what a lever is of is gone."""
     for share in (0.0, 0.2, 1.0):
-        found, expected = (own.makespans_ns(lever, share) for own in (quick, events))
-        assert np.array_equal(found, expected), (lever.name, share)
+        found, expected = (
+            own.makespans_ns(intervention, share) for own in (quick, events)
+        )
+        assert np.array_equal(found, expected), (intervention.name, share)
 
 
 @pytest.mark.parametrize("policy", ["asynchronous", "sequential"])
@@ -66,11 +69,11 @@ def test_paths_give_the_nanoseconds_of_the_event_engine(
     paths, events = Replay(load, NUMBERS), Replay(load, NUMBERS, by_events=True)
     assert np.array_equal(paths.numbers, events.numbers)
     kinds = set()
-    for lever in levers(load, paths):
-        if lever.kind == "wait":
+    for intervention in interventions(load, paths):
+        if intervention.kind == "wait":
             continue
-        kinds.add((lever.kind, *lever.causes))
-        require_equal(paths, events, lever)
+        kinds.add((intervention.kind, *intervention.causes))
+        require_equal(paths, events, intervention)
     assert kinds >= {("task",), ("robot",), ("stall", "stall"), ("stall", "breakdown")}
     assert np.array_equal(paths.base().makespan_ns, events.base().makespan_ns)
 
@@ -82,12 +85,12 @@ def test_messages_give_the_nanoseconds_of_the_event_engine(policy: Policy) -> No
     load = replace(load, execution=late)
     quick, events = Replay(load, NUMBERS), Replay(load, NUMBERS, by_events=True)
     assert not needs_event_engine(load)
-    found = levers(load, quick)
-    assert {lever.kind for lever in found} == {
+    found = interventions(load, quick)
+    assert {intervention.kind for intervention in found} == {
         *("task", "skill", "robot", "stall", "message")
     }
-    for lever in found:
-        require_equal(quick, events, lever)
+    for intervention in found:
+        require_equal(quick, events, intervention)
 
 
 @pytest.mark.parametrize("policy", ["asynchronous", "sequential"])
@@ -98,14 +101,18 @@ def test_a_task_that_is_gone_is_gone_node_by_node(policy: Policy) -> None:
     sampler = NodeTimeSampler(
         load.tpg, load.execution.durations, load.execution.disturbances
     )
-    tasks = [lever for lever in levers(load, replay) if lever.kind == "task"]
+    tasks = [
+        intervention
+        for intervention in interventions(load, replay)
+        if intervention.kind == "task"
+    ]
     assert len(tasks) > 5
-    for lever in tasks:
-        found = replay.makespans_ns(lever, 1.0)
+    for intervention in tasks:
+        found = replay.makespans_ns(intervention, 1.0)
         for number in NUMBERS.tolist():
             times = sampler.sample(seed=load.seed, replication=number)
             for chain, motion in zip(load.tpg.chains, times.motion, strict=True):
-                motion[chain.task == lever.task] = 0
+                motion[chain.task == intervention.task] = 0
             execution = Execution(
                 load.tpg,
                 times,
@@ -123,14 +130,14 @@ def test_a_wait_that_is_gone_is_an_edge_that_is_gone() -> None:
         load = toy_workload(seed)
         replay = Replay(load, NUMBERS)
         waits = [
-            lever
-            for lever in levers(load, replay)
-            if lever.kind == "wait" and lever.robot
+            intervention
+            for intervention in interventions(load, replay)
+            if intervention.kind == "wait" and intervention.robot
         ]
-        for lever in waits:
+        for intervention in waits:
             tpg, graph = replay.tpg, replay.graph
             target = np.repeat(np.arange(len(graph.order)), np.diff(graph.edge_first))
-            gone = {(graph.source[e], target[e]) for e in lever.edges}
+            gone = {(graph.source[e], target[e]) for e in intervention.edges}
             first = graph.first
             keep = [
                 (first[k] + n, first[j] + m) not in gone
@@ -139,7 +146,9 @@ def test_a_wait_that_is_gone_is_an_edge_that_is_gone() -> None:
             cut = replace(tpg, edges=tpg.edges[keep], cause=tpg.cause[keep])
             for number in NUMBERS.tolist():
                 busy = replay.times.busy_ns[:, number]
-                assert replay.makespans_ns(lever, 1.0)[number] == _executed(cut, busy)
+                assert replay.makespans_ns(intervention, 1.0)[number] == _executed(
+                    cut, busy
+                )
 
 
 def test_what_robots_do_after_their_last_work_gains_nothing() -> None:
@@ -150,7 +159,11 @@ def test_what_robots_do_after_their_last_work_gains_nothing() -> None:
         replay = Replay(load, NUMBERS)
         base = replay.base()
         every = np.concatenate([chain.task for chain in replay.tpg.chains])
-        tried = {lever.task for lever in levers(load, replay) if lever.kind == "task"}
+        tried = {
+            intervention.task
+            for intervention in interventions(load, replay)
+            if intervention.kind == "task"
+        }
         for chain in load.tpg.chains:
             task = int(chain.task[-1])
             if load.tpg.tasks[task].kind != TaskKind.TRANSIT:
@@ -239,7 +252,9 @@ def test_replays_begin_with_the_makespans_of_the_study() -> None:
         assert np.array_equal(ends, rows.makespan_ns[kept])
         done = rows.replication[rows.outcome == "completed"]
         assert np.array_equal(kept, done)
-    found = {lever.name: lever for lever in levers(load, replay)}
+    found = {
+        intervention.name: intervention for intervention in interventions(load, replay)
+    }
     base = replay.base().makespan_ns
     for name in ("breakdowns by the clock", "emergency stops"):
         gone = replay.makespans_ns(found[name], 1.0)
@@ -253,19 +268,19 @@ def test_no_lever_gains_more_than_it_takes_on_the_critical_path() -> None:
     replay = Replay(load, np.arange(200))
     found = replay.base()
     work = np.where(found.critical, replay.work_ns, 0)
-    for lever in levers(load, replay):
-        if lever.kind in ("task", "skill", "robot"):
-            fall = found.makespan_ns - replay.makespans_ns(lever, 1.0)
+    for intervention in interventions(load, replay):
+        if intervention.kind in ("task", "skill", "robot"):
+            fall = found.makespan_ns - replay.makespans_ns(intervention, 1.0)
             assert np.all(fall >= 0)
-            assert np.all(fall <= work[lever.rows].sum(axis=0))
+            assert np.all(fall <= work[intervention.rows].sum(axis=0))
 
 
 def test_what_was_shortened_is_whole_again() -> None:
     load = toy_workload(2, disturbances=BUSY)
     replay = Replay(load, NUMBERS)
     before = replay.times.busy_ns.copy()
-    for lever in levers(load, replay):
-        replay.makespans_ns(lever, 0.2)
+    for intervention in interventions(load, replay):
+        replay.makespans_ns(intervention, 0.2)
     assert np.array_equal(replay.times.busy_ns, before)
     assert np.all(replay.work_ns >= 0)
     number = int(replay.numbers[0])

@@ -138,7 +138,7 @@ def check_room(subject: CheckContext, parts: OrderedParts) -> Findings:
             if key == "goal" and len(group) > 1:
                 continue
             found = [
-                _lack(
+                _missing_clearance(
                     parts,
                     robots,
                     (cell.object(own), at),
@@ -151,7 +151,7 @@ def check_room(subject: CheckContext, parts: OrderedParts) -> Findings:
                 break
 
 
-def _lack(
+def _missing_clearance(
     parts: OrderedParts,
     robots: Sequence[PlacedRobot],
     part: PlacedObject,
@@ -175,9 +175,9 @@ def _lack(
             near = nearby_entities((Fixture("tool", body, pose), pose), placed, clear)
             if not near:
                 return None
-            beside = min(near, key=lambda name: near[name])
+            neighbour = min(near, key=lambda name: near[name])
             words = f"{grip.words} by {robot.name}"
-            found.append((clear - near[beside], beside, words))
+            found.append((clear - near[neighbour], neighbour, words))
     return min(found, default=None)
 
 
@@ -187,13 +187,13 @@ def _no_room(
     name: str,
     key: str,
     lack: float,
-    beside: str,
+    neighbour: str,
     grip: str,
 ) -> Finding:
     """Return the finding: an error at the pitch of a source with parts too close together."""
     at, remedy = subject.thing_at(name, key), "move one of the two"
     sources = {part.name: part.source for part in parts.section.parts}
-    own, other = (sources.get(name_in_file(n, sources)) for n in (name, beside))
+    own, other = (sources.get(name_in_file(n, sources)) for n in (name, neighbour))
     source = parts.section.sources.get(own or "")
     in_source = key == "start" and own == other and source is not None
     if in_source:
@@ -203,10 +203,10 @@ def _no_room(
     return Finding(
         at,
         f"no grip on {name} has room beside its neighbours {where}: {grip} lacks least, {format_millimetres(lack)}"
-        f" beside {beside}; {remedy}, or take a slimmer tool",
+        f" beside {neighbour}; {remedy}, or take a slimmer tool",
         error=in_source,
         code="no room",
-        parts=(name, beside),
+        parts=(name, neighbour),
         figures=(lack,),
     )
 
@@ -236,9 +236,11 @@ def check_lifts(subject: CheckContext, parts: OrderedParts) -> Findings:
             other = min(first, key=lambda k: first[k])
             remedy = f": {lengths[near.index({})]:.3f} is enough" if {} in near else ""
             own = {p.name: p.leave_m for p in parts.section.parts}
-            told = own[name_in_file(name, own)] is not None
+            has_own = own[name_in_file(name, own)] is not None
             yield Finding(
-                subject.thing_at(name, "leave_m") if told else ("assembly", "leave_m"),
+                subject.thing_at(name, "leave_m")
+                if has_own
+                else ("assembly", "leave_m"),
                 f"{name} is lifted by leave_m {orientations.leave:g}, and then {other} comes up where it lay, at a"
                 f" distance of {format_millimetres(abs(first[other]))}; lift it farther{remedy}",
                 error=True,

@@ -46,15 +46,15 @@ def check_holds(subject: CheckContext, parts: OrderedParts) -> Findings:
     for name in dict.fromkeys(assembly.placed):
         part, rules = subject.cell.object(name), assembly.handling(name).grips
         may = {robot.model: robot for robot in _placing(subject, assembly, name)}
-        told = set[RobotModel]()
+        reported = set[RobotModel]()
         for at, where in (
             (part.start, "where it lies at the start"),
             (assembly.goals[name], "in its place"),
         ):
             missed = {model: _missed(may[model], part, at, rules) for model in may}
             for model, words in missed.items():
-                if words and model not in told:
-                    told.add(model)
+                if words and model not in reported:
+                    reported.add(model)
                     yield Finding(
                         subject.robot_at(may[model].name, "tool", "model"),
                         f"{may[model].name} would hold {name} by none of its grips {where}: {words}",
@@ -116,21 +116,21 @@ def check_friction(subject: CheckContext, parts: OrderedParts) -> Findings:
             grip = robot.model.grip
             yield Finding(
                 subject.robot_at(robot.name, "tool", "model"),
-                f"the pads of {grip.tool} hold {name} ({part.mass:g} kg) at best {format_millimetres(worst.lever)} beside"
+                f"the pads of {grip.tool} hold {name} ({part.mass:g} kg) at best {format_millimetres(worst.moment_arm)} beside"
                 f" its centre of mass: {worst.force:.3g} N pull along them and {round(worst.torque, 6):.3g} N m turn it about"
                 f" their axis; friction bears {worst.most_force:.3g} N or {round(worst.most_torque, 6):.3g} N m (force_n"
                 f" {grip.force:g}, balance.friction {assembly.friction:g}): hold it nearer to its centre of mass,"
                 " or with more force or larger pads",
                 code="slip",
                 parts=(grip.tool, name),
-                figures=(worst.lever, worst.force, worst.torque),
+                figures=(worst.moment_arm, worst.force, worst.torque),
             )
 
 
 @for_part_assemblies
 def check_pads(subject: CheckContext, _: OrderedParts) -> Findings:
     """Yield tools with fingers whose pads cannot be identified by shape."""
-    for robot in subject.unlike_robots:
+    for robot in subject.distinct_robots:
         model = robot.model
         if model.grip is None or model.grip.opening in (None, (0.0, 0.0)):
             continue

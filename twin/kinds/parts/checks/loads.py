@@ -30,7 +30,7 @@ def check_payloads(subject: CheckContext, parts: OrderedParts) -> Findings:
 
     A part that no robot which may place it carries is an error; a tool that is too heavy by itself may
     have a wrong mass in its description. Masses count where the scenario gives a payload: then one
-    that is not told is none.
+    that is not specified counts as none.
     """
     section = parts.section
     robots = list(with_each_tool(subject.built.robots))

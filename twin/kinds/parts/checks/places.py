@@ -47,7 +47,7 @@ _BESIDE = 0.5
 @for_part_assemblies
 def check_goals(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts that overlap or are unsupported at their goals."""
-    cell, section, assembly = parts.there, parts.section, parts.found
+    cell, section, assembly = parts.cell_without_alike_parts, parts.section, parts.found
     if isinstance(assembly, str):
         yield Finding(("assembly", "steps"), assembly, error=True)
         return
@@ -153,15 +153,15 @@ def _nearest(
     robot: PlacedRobot,
     known: KnownStep,
     process: Process,
-    there: Mapping[str, PlacedObject],
+    others: Mapping[str, PlacedObject],
 ) -> Iterator[tuple[str, float]]:
     """Yield the nearest thing to a robot's tool at each pose of its path, with distance [m]."""
     body = Shape((), tuple(tool_bodies(robot.model)))
     tip = inverse(robot.model.frame_in_last_joint(process.frame))
-    way = process_targets(process, known.place, process.turns[0])
-    for goal in way.targets.subgoals[way.first : way.last + 1]:
+    execution = process_targets(process, known.place, process.turns[0])
+    for goal in execution.targets.subgoals[execution.first : execution.last + 1]:
         pose: Transform = goal.pose @ tip
-        found = nearest_entity((Fixture("tool", body, pose), pose), there)
+        found = nearest_entity((Fixture("tool", body, pose), pose), others)
         if found is not None:
             yield found
 

@@ -111,7 +111,7 @@ def _serves(robot: PlacedRobot, legs: list[_PartLeg], parts: OrderedParts) -> bo
     frame = parts.listed.frame
     for leg in legs:
         shape, start, end = leg.part.shape, leg.part.start, leg.end
-        distances, held = leg.ways, leg.step.hold
+        distances, held = leg.handling, leg.step.hold
         if held is not None and not is_beyond_reach(
             robot, frame, parts.listed.goals[held]
         ):
@@ -120,7 +120,7 @@ def _serves(robot: PlacedRobot, legs: list[_PartLeg], parts: OrderedParts) -> bo
             grips = robot_grips(robot, shape, at, at, distances.grips)
             own = {robot.name: grips}
             if leg.step.done_by(robot.name) and _reaching(
-                [robot], frame, at, own, partial(targets, frame, ways=distances)
+                [robot], frame, at, own, partial(targets, frame, handling=distances)
             ):
                 return True
     return any(
@@ -135,13 +135,13 @@ def _serves(robot: PlacedRobot, legs: list[_PartLeg], parts: OrderedParts) -> bo
 
 
 def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findings:
-    part, name, end, distances = leg.part, leg.part.name, leg.end, leg.ways
+    part, name, end, distances = leg.part, leg.part.name, leg.end, leg.handling
     robots = [robot for robot in everybody if leg.step.done_by(robot.name)]
     nobody = "no robot"
     if leg.step.robots is not None:
         nobody = f"no robot that may do it ({', '.join(leg.step.robots)})"
-    pick = partial(pick_targets, frame, ways=distances)
-    place = partial(place_targets, frame, ways=distances)
+    pick = partial(pick_targets, frame, handling=distances)
+    place = partial(place_targets, frame, handling=distances)
     if any(
         _reaches(robot, frame, part.start @ grip.pose, pick)
         and _reaches(robot, frame, end @ grip.pose, place)
@@ -196,7 +196,7 @@ class _PartLeg:
         step: in which it is brought there.
         part: at its ``start``, which is where this leg begins.
         end: pose of its frame where it is put.
-        ways: its handling: grips and insertion.
+        handling: its handling: grips and insertion.
         start_at, end_at: paths in the file.
         words: text on the end.
     """
@@ -204,7 +204,7 @@ class _PartLeg:
     step: PlacePart
     part: CellObject
     end: Transform
-    ways: PartHandling
+    handling: PartHandling
     start_at: KeyPath
     end_at: KeyPath
     words: str
@@ -244,7 +244,7 @@ def _check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
         yield Finding(
             parts.step_at(number),
             f"no robot reaches {step.spot.words}, at {format_position(found.place[:3, 3].tolist())}, with frame"
-            f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'nobody'} in"
+            f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'no robot'} in"
             f" {len(process.turns)} turns",
             error=True,
             code="reach",

@@ -25,7 +25,7 @@ from scheduling.graph.task_edges import TaskNodes
 from scheduling.graph.temporal_plan_graph import pose_nodes
 
 
-class BesideSkills:
+class ConcurrentSkillChecker:
     """Collision checks of a composite of robots while others do skills.
 
     Args:

@@ -1,0 +1,40 @@
+"""Brick types that every scenario may use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from planning.lego.bricks.assembly import BrickType
+
+# Of 1x3, 2x3 and 2x8 the masses lie on the lines through those of the other sizes.
+_MASSES: dict[tuple[int, int], float] = {
+    (1, 1): 0.00044,
+    (1, 2): 0.0008,
+    (1, 3): 0.0012,
+    (1, 4): 0.0016,
+    (1, 6): 0.0023,
+    (1, 8): 0.00308,
+    (2, 2): 0.0012,
+    (2, 3): 0.0017,
+    (2, 4): 0.0022,
+    (2, 6): 0.00328,
+    (2, 8): 0.00436,
+}
+
+# Catalogues of parts weigh plates of 1 x 4 studs at 0.71 g and of 2 x 3 at 0.93 g; the others of
+# their width are in proportion to their studs.
+_PLATE_STUD_MASSES = {1: 0.00071 / 4, 2: 0.00093 / 6}
+
+_BRICKS = (BrickType(f"{x}x{y}", (x, y), mass) for (x, y), mass in _MASSES.items())
+_PLATES = (
+    BrickType(
+        f"{x}x{y}-plate", (x, y), round(_PLATE_STUD_MASSES[x] * x * y, 8), height=1
+    )
+    for x, y in _MASSES
+)
+
+BRICKS: Mapping[str, BrickType] = MappingProxyType(
+    {brick.name: brick for brick in (*_BRICKS, *_PLATES)}
+)
+"""Bricks by name, such as ``"2x4"``, and plates, such as ``"2x4-plate"``."""
