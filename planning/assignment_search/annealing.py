@@ -10,7 +10,7 @@ from planning.assignment_search.prediction_tables import (
     PredictionModel,
     PredictionTables,
 )
-from planning.assignment_search.rollout import Scratch, make_scratch, run_rollout
+from planning.assignment_search.rollout import RolloutState, make_state, run_rollout
 from planning.assignment_search.volumes import Volumes
 from planning.kernels import inner_kernel, kernel
 from planning.packed import packed
@@ -21,6 +21,9 @@ _WARM, _COLD = 0.01, 0.0002
 """First and last temperature as shares of the makespan at the start."""
 
 _NONE = -1
+
+_DRAWS = 9
+"""Random numbers of a move: step, number of steps, two for each of three steps, and whether it is made."""
 
 
 class Neighbours(NamedTuple):
@@ -81,12 +84,12 @@ def anneal(
         moves: assignments to look at.
         seed: of the draws.
     """
-    scratch = make_scratch(model)
+    state = make_state(model)
     chosen, best = start.copy(), start.copy()
     users = np.full(len(neighbours.unlimited), _NONE, dtype=np.int64)
-    draws = np.random.default_rng(seed).random((moves, 4))
+    draws = np.random.default_rng(seed).random((moves, _DRAWS))
     found = run_annealing(
-        model.tables, model.volumes, scratch, neighbours, chosen, best, users, draws
+        model.tables, model.volumes, state, neighbours, chosen, best, users, draws
     )
     return float(found), best
 
@@ -95,7 +98,7 @@ def anneal(
 def run_annealing(
     tables: PredictionTables,
     volumes: Volumes,
-    scratch: Scratch,
+    state: RolloutState,
     neighbours: Neighbours,
     chosen: Indices,
     best: Indices,
@@ -105,65 +108,83 @@ def run_annealing(
     """Anneal an assignment in place; return the least predicted makespan [s].
 
     Args:
-        tables, volumes, scratch: of the predictions.
+        tables, volumes, state: of the predictions.
         neighbours: of the choices.
         chosen: the assignment, shape (steps,).
         best: the best one, written here.
         users: step that uses an object, -1 for none, shape (objects,); scratch.
-        draws: four numbers from 0 to 1 for each move, shape (moves, 4).
+        draws: numbers from 0 to 1 for each move, shape (moves, _DRAWS).
     """
-    item = neighbours.item
-    for step in range(len(chosen)):
-        users[item[chosen[step]]] = step
-    current = run_rollout(tables, volumes, scratch, chosen, True)
+    current = run_rollout(tables, volumes, state, chosen, True)
     least, warm, cold = current, _WARM * current, _COLD * current
+    trial = chosen.copy()
     for move in range(len(draws)):
         warmth = warm * (cold / warm) ** (move / len(draws))
-        step = int(draws[move, 0] * len(chosen))
-        first, end = neighbours.first[step], neighbours.first[step + 1]
-        old, new = chosen[step], first + int(draws[move, 1] * (end - first))
-        if new == old:
+        trial[:] = chosen
+        users[:] = _NONE
+        for step in range(len(trial)):
+            users[neighbours.item[trial[step]]] = step
+        step, count = int(draws[move, 0] * len(trial)), int(draws[move, 1] * 6)
+        # Mostly one step, else two or three in a row, as when robots change places.
+        count = max(1, count - 2)
+        changed = True
+        for k in range(count):
+            if changed and step + k < len(trial):
+                share, other = draws[move, 2 + 2 * k], draws[move, 3 + 2 * k]
+                changed = _change(neighbours, trial, users, step + k, share, other)
+        if not changed or not _is_in_order(neighbours, trial, users):
             continue
-        other = other_old = _NONE
-        if item[new] != item[old] and not neighbours.unlimited[item[new]]:
-            other = users[item[new]]
-        if other != _NONE:
-            # The step that has used the object takes the one that is free now.
-            other_old = chosen[other]
-            swapped = _draw_choice(neighbours, other, item[old], draws[move, 2])
-            if swapped == _NONE:
-                continue
-            chosen[other] = swapped
-        chosen[step] = new
-        users[item[old]] = other
-        users[item[new]] = step
-        if _is_in_order(neighbours, chosen, users):
-            makespan = run_rollout(tables, volumes, scratch, chosen, True)
-            worse = makespan - current
-            if worse <= 0.0 or draws[move, 3] < np.exp(-worse / warmth):
-                current = makespan
-                if makespan < least - 1e-9:
-                    least = makespan
-                    best[:] = chosen
-                continue
-        chosen[step] = old
-        users[item[new]] = other
-        users[item[old]] = step
-        if other != _NONE:
-            chosen[other] = other_old
+        makespan = run_rollout(tables, volumes, state, trial, True)
+        worse = makespan - current
+        if worse > 0.0 and draws[move, 8] >= np.exp(-worse / warmth):
+            continue
+        current = makespan
+        chosen[:] = trial
+        if makespan < least - 1e-9:
+            least = makespan
+            best[:] = chosen
     return least
 
 
 @inner_kernel
-def _draw_choice(neighbours: Neighbours, step: int, item: int, draw: float) -> int:
-    """Return a choice of a step that uses an object, -1 for none."""
+def _change(
+    neighbours: Neighbours,
+    trial: Indices,
+    users: Indices,
+    step: int,
+    share: float,
+    other_share: float,
+) -> bool:
+    """Give a step another choice; return whether the step that used its object finds another one."""
+    item = neighbours.item
     first, end = neighbours.first[step], neighbours.first[step + 1]
+    old, new = trial[step], first + int(share * (end - first))
+    other = _NONE
+    if item[new] != item[old] and not neighbours.unlimited[item[new]]:
+        other = users[item[new]]
+    users[item[old]] = _NONE
+    if other != _NONE:
+        replaced = _draw_choice(neighbours, users, other, other_share)
+        if replaced == _NONE:
+            return False
+        trial[other] = replaced
+        users[item[replaced]] = other
+    trial[step] = new
+    users[item[new]] = step
+    return True
+
+
+@inner_kernel
+def _draw_choice(neighbours: Neighbours, users: Indices, step: int, draw: float) -> int:
+    """Return a choice of a step whose object no step uses, -1 for none."""
+    first, end = neighbours.first[step], neighbours.first[step + 1]
+    item, unlimited = neighbours.item, neighbours.unlimited
     count = 0
     for k in range(first, end):
-        count += neighbours.item[k] == item
+        count += unlimited[item[k]] or users[item[k]] == _NONE
     left = int(draw * count)
     for k in range(first, end):
-        if neighbours.item[k] == item:
+        if unlimited[item[k]] or users[item[k]] == _NONE:
             if left == 0:
                 return k
             left -= 1

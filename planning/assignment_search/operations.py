@@ -18,7 +18,7 @@ TRAVEL = "travel"
 
 
 @dataclass(frozen=True)
-class Operation:
+class RobotOperation:
     """A skill of a robot within a step, or its straight motion to where it works next.
 
     Attributes:
@@ -45,7 +45,7 @@ class Operation:
 
 def list_operations(
     cell: Workcell, step: StepTasks, settings: MotionSettings
-) -> list[Operation]:
+) -> list[RobotOperation]:
     """Return the operations of a step in sequential order.
 
     Transits that nothing depends on are left out: between two skills a robot goes straight. How it comes to
@@ -61,7 +61,7 @@ def list_operations(
     before: dict[int, list[int]] = defaultdict(list)
     for first, then in step.dependencies:
         before[then].append(first)
-    found: list[Operation] = []
+    found: list[RobotOperation] = []
     done: dict[int, int] = {}
     last: dict[str, int] = {}
     lead: dict[str, Array] = {}
@@ -98,9 +98,9 @@ def list_operations(
     return found
 
 
-def _standing(task: Task, after: list[int]) -> Operation:
+def _standing(task: Task, after: list[int]) -> RobotOperation:
     at = np.repeat(task.path[-1:], 2, axis=0)
-    return Operation(task.robot, TRAVEL, at, np.zeros(2), tuple(after))
+    return RobotOperation(task.robot, TRAVEL, at, np.zeros(2), tuple(after))
 
 
 def _travel(
@@ -109,12 +109,12 @@ def _travel(
     start: Array,
     end: Array,
     settings: MotionSettings,
-) -> Operation:
+) -> RobotOperation:
     """Return the straight motion to a configuration, whole turns left out."""
     turning = ~cell.robot(robot).model.chain.prismatic
     path = np.vstack([start, start + without_turns(end - start, turning)])
     times = np.array([0.0, settings.speeds[robot].duration(path[0], path[1])])
-    return Operation(robot, TRAVEL, path, times)
+    return RobotOperation(robot, TRAVEL, path, times)
 
 
 def _skill(
@@ -123,25 +123,23 @@ def _skill(
     start: Array,
     settings: MotionSettings,
     after: list[int],
-) -> Operation:
+) -> RobotOperation:
     if cell.is_machine(task.robot):
         at = np.repeat(start[None], 2, axis=0)
         lasts = settings.seconds_of(cell, task) or 0.0
-        return Operation(
+        return RobotOperation(
             task.robot, task.kind, at, np.array([0.0, lasts]), tuple(after)
         )
     path = np.vstack([start, task.path])
     seconds, speed = settings.seconds_of(cell, task), settings.speeds[task.robot]
     times = path_times(path, speed)
     if seconds is None:
-        seconds = float(speed.times_along(path)[-1]) + sum(
-            settings.still_seconds(task)
-        )
+        seconds = float(speed.times_along(path)[-1]) + sum(settings.still_seconds(task))
     if times[-1] > 0.0:
         times = times * (seconds / times[-1])
     else:
         times = np.linspace(0.0, seconds, len(path))
-    return Operation(task.robot, task.kind, path, times, tuple(after))
+    return RobotOperation(task.robot, task.kind, path, times, tuple(after))
 
 
 def without_turns(apart: Array, turning: np.ndarray) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from planning.assignment_search.operations import (
     TRAVEL,
-    Operation,
+    RobotOperation,
     list_operations,
     without_turns,
 )
@@ -164,7 +164,7 @@ class _TableBuilder:
         self._after_first, self._after = [0], list[int]()
         self._piece_first, self._volume, self._until = [0], list[int](), list[float]()
 
-    def add(self, step: int, operations: Sequence[Operation]) -> None:
+    def add(self, step: int, operations: Sequence[RobotOperation]) -> None:
         """Add the operations of a choice."""
         self._step.append(step)
         base = self._first[-1]
@@ -199,9 +199,7 @@ class _TableBuilder:
             steps: number of steps.
         """
         kinds = self._kinds
-        waiting: list[set[tuple[int, int]]] = [
-            set() for _ in range(steps * len(kinds))
-        ]
+        waiting: list[set[tuple[int, int]]] = [set() for _ in range(steps * len(kinds))]
         for a, b in waits:
             if a.kind in kinds and b.kind in kinds:
                 row = waiting[(b.step - 1) * len(kinds) + kinds[b.kind]]
@@ -233,13 +231,13 @@ class _TableBuilder:
             wait_step=_whole([step for step, _ in flat]),
             wait_kind=_whole([kind for _, kind in flat]),
             kinds=len(kinds),
-            most=max(np.diff(self._first)),
+            most=int(np.diff(self._first).max()),
         )
         names = [name for name, _ in self._pieces]
         pieces = [piece for _, piece in self._pieces]
         return packed(found), build_volumes(self._cell, names, pieces)
 
-    def _cut(self, item: Operation) -> None:
+    def _cut(self, item: RobotOperation) -> None:
         """Add the pieces of an operation."""
         parts = _PIECES.get(item.kind, _SKILL_PIECES)
         if item.seconds == 0.0:
@@ -250,14 +248,12 @@ class _TableBuilder:
             self._until.append((k + 1) / parts)
         self._piece_first.append(len(self._volume))
 
-    def _leaving(self, item: Operation) -> tuple[int, float]:
+    def _leaving(self, item: RobotOperation) -> tuple[int, float]:
         if self._cell.is_machine(item.robot):
             return -1, 0.0
         robot = self._cell.robot(item.robot)
         start = item.path[-1]
-        way = _LEAVING * without_turns(
-            robot.home - start, ~robot.model.chain.prismatic
-        )
+        way = _LEAVING * without_turns(robot.home - start, ~robot.model.chain.prismatic)
         shares = np.linspace(0.0, 1.0, SAMPLES)[:, None]
         seconds = self._settings.speeds[item.robot].duration(start, start + way)
         return self._piece(item.robot, start + shares * way), seconds
@@ -279,13 +275,11 @@ class _TableBuilder:
             self._settings.speeds[robot.name],
             ~robot.model.chain.prismatic,
         )
-        rows = [
-            speed.durations(without_turns(starts - end, turning)) for end in ends
-        ]
+        rows = [speed.durations(without_turns(starts - end, turning)) for end in ends]
         return np.array(rows)
 
 
-def _at(item: Operation, shares: Array) -> Array:
+def _at(item: RobotOperation, shares: Array) -> Array:
     """Return the configurations of an operation at shares of its time, shape (s, n)."""
     times = shares * item.seconds
     columns = [np.interp(times, item.times, column) for column in item.path.T]

@@ -22,7 +22,7 @@ from planning.transforms import Array, Indices
 _PENDING = -1.0
 
 
-class Scratch(NamedTuple):
+class RolloutState(NamedTuple):
     """State of a rollout.
 
     Attributes:
@@ -51,7 +51,7 @@ class Scratch(NamedTuple):
     held_count: Indices
 
 
-def make_scratch(model: PredictionModel) -> Scratch:
+def make_state(model: PredictionModel) -> RolloutState:
     """Return the memory of rollouts of a model."""
     tables, robots = model.tables, model.robots
     steps = int(tables.step.max()) + 1
@@ -60,7 +60,7 @@ def make_scratch(model: PredictionModel) -> Scratch:
     rows = robots, most
     whole = np.int64
     return packed(
-        Scratch(
+        RolloutState(
             np.zeros(rows, whole),
             np.zeros(rows, whole),
             np.zeros(robots, whole),
@@ -87,164 +87,164 @@ def predict_makespan(
         chosen: number of the choice of each step, shape (steps,).
         conflicts: whether robots wait where others are in their way.
     """
-    scratch = make_scratch(model)
-    return float(roll_out(model.tables, model.volumes, scratch, chosen, conflicts))
+    state = make_state(model)
+    return float(roll_out(model.tables, model.volumes, state, chosen, conflicts))
 
 
 @kernel
 def roll_out(
     tables: PredictionTables,
     volumes: Volumes,
-    scratch: Scratch,
+    state: RolloutState,
     chosen: Indices,
     conflicts: bool,
 ) -> float:
     """Return the predicted makespan of an assignment [s]; see ``predict_makespan``."""
-    return run_rollout(tables, volumes, scratch, chosen, conflicts)
+    return run_rollout(tables, volumes, state, chosen, conflicts)
 
 
 @inner_kernel
 def run_rollout(
     tables: PredictionTables,
     volumes: Volumes,
-    scratch: Scratch,
+    state: RolloutState,
     chosen: Indices,
     conflicts: bool,
 ) -> float:
     """Return the predicted makespan of an assignment [s]; see ``predict_makespan``."""
-    left = _begin(tables, scratch, chosen)
-    queue, head, queued = scratch.queue, scratch.head, scratch.queued
+    left = _begin(tables, state, chosen)
+    queue, head, queued = state.queue, state.head, state.queued
     while left > 0:
         best, soonest = -1, np.inf
         for r in range(len(queued)):
             if head[r] == queued[r]:
                 continue
-            start = _earliest_start(tables, scratch, chosen, r, queue[r, head[r]])
+            start = _earliest_start(tables, state, chosen, r, queue[r, head[r]])
             if start >= 0.0 and start < soonest:
                 best, soonest = r, start
         if best < 0:
             return np.inf
-        _dispatch(tables, volumes, scratch, chosen, best, soonest, conflicts)
+        _dispatch(tables, volumes, state, chosen, best, soonest, conflicts)
         left -= 1
     makespan = 0.0
     for r in range(len(queued)):
-        first = tables.travel_first[r] + scratch.at[r] * tables.starts[r]
-        makespan = max(makespan, scratch.clock[r] + tables.travel[first])
+        first = tables.travel_first[r] + state.at[r] * tables.starts[r]
+        makespan = max(makespan, state.clock[r] + tables.travel[first])
     return makespan
 
 
 @inner_kernel
-def _begin(tables: PredictionTables, scratch: Scratch, chosen: Indices) -> int:
+def _begin(tables: PredictionTables, state: RolloutState, chosen: Indices) -> int:
     """Queue the operations of all robots; return their number."""
-    for r in range(len(scratch.queued)):
-        scratch.queued[r] = scratch.head[r] = scratch.at[r] = 0
-        scratch.held_count[r] = 0
-        scratch.clock[r] = 0.0
+    for r in range(len(state.queued)):
+        state.queued[r] = state.head[r] = state.at[r] = 0
+        state.held_count[r] = 0
+        state.clock[r] = 0.0
     total = 0
     for step in range(len(chosen)):
-        for kind in range(scratch.done_kind.shape[1]):
-            scratch.done_kind[step, kind] = _PENDING
+        for kind in range(state.done_kind.shape[1]):
+            state.done_kind[step, kind] = _PENDING
         first = tables.first[chosen[step]]
         for k in range(first, tables.first[chosen[step] + 1]):
-            scratch.done[step, k - first] = _PENDING
+            state.done[step, k - first] = _PENDING
             r = tables.robot[k]
-            scratch.queue[r, scratch.queued[r]] = k
-            scratch.queue_step[r, scratch.queued[r]] = step
-            scratch.queued[r] += 1
+            state.queue[r, state.queued[r]] = k
+            state.queue_step[r, state.queued[r]] = step
+            state.queued[r] += 1
             total += 1
     return total
 
 
 @inner_kernel
 def _earliest_start(
-    tables: PredictionTables, scratch: Scratch, chosen: Indices, r: int, k: int
+    tables: PredictionTables, state: RolloutState, chosen: Indices, r: int, k: int
 ) -> float:
     """Return when an operation could start, -1 where what it depends on is not dispatched yet [s]."""
-    step = scratch.queue_step[r, scratch.head[r]]
-    start = scratch.clock[r]
+    step = state.queue_step[r, state.head[r]]
+    start = state.clock[r]
     start += tables.travel[
-        tables.travel_first[r] + scratch.at[r] * tables.starts[r] + tables.start[k]
+        tables.travel_first[r] + state.at[r] * tables.starts[r] + tables.start[k]
     ]
     gate = tables.gate[k]
     for a in range(tables.after_first[k], tables.after_first[k + 1]):
-        before = scratch.done[step, tables.after[a]]
+        before = state.done[step, tables.after[a]]
         if before < 0.0:
             return _PENDING
         start = max(start, before)
     row = step * tables.kinds + tables.kind[k]
     for w in range(tables.wait_first[row], tables.wait_first[row + 1]):
-        before = scratch.done_kind[tables.wait_step[w], tables.wait_kind[w]]
+        before = state.done_kind[tables.wait_step[w], tables.wait_kind[w]]
         if before < 0.0:
             return _PENDING
         start = max(start, before)
     if gate != k:
         for a in range(tables.after_first[gate], tables.after_first[gate + 1]):
-            if scratch.done[step, tables.after[a]] < 0.0:
+            if state.done[step, tables.after[a]] < 0.0:
                 return _PENDING
         row = step * tables.kinds + tables.kind[gate]
         for w in range(tables.wait_first[row], tables.wait_first[row + 1]):
-            if scratch.done_kind[tables.wait_step[w], tables.wait_kind[w]] < 0.0:
+            if state.done_kind[tables.wait_step[w], tables.wait_kind[w]] < 0.0:
                 return _PENDING
-    return start
+    return float(start)
 
 
 @inner_kernel
 def _dispatch(
     tables: PredictionTables,
     volumes: Volumes,
-    scratch: Scratch,
+    state: RolloutState,
     chosen: Indices,
     r: int,
     start: float,
     conflicts: bool,
 ) -> None:
     """Carry out the next operation of a robot."""
-    k = scratch.queue[r, scratch.head[r]]
-    step = scratch.queue_step[r, scratch.head[r]]
+    k = state.queue[r, state.head[r]]
+    step = state.queue_step[r, state.head[r]]
     now, past = start, 0.0
     if conflicts:
         for p in range(tables.piece_first[k], tables.piece_first[k + 1]):
-            now = _free_from(volumes, scratch, r, step, tables.volume[p], now)
+            now = _free_from(volumes, state, r, step, tables.volume[p], now)
             now += (tables.until[p] - past) * tables.seconds[k]
             past = tables.until[p]
-            _hold(scratch, r, step, tables.volume[p], now)
+            _hold(state, r, step, tables.volume[p], now)
         if tables.leaving[k] >= 0:
-            _hold(scratch, r, step, tables.leaving[k], now + tables.leaving_s[k])
+            _hold(state, r, step, tables.leaving[k], now + tables.leaving_s[k])
     else:
         now += tables.seconds[k]
-    scratch.clock[r] = now
-    scratch.at[r] = tables.end[k]
-    scratch.head[r] += 1
-    scratch.done[step, k - tables.first[chosen[step]]] = now
-    scratch.done_kind[step, tables.kind[k]] = now
+    state.clock[r] = now
+    state.at[r] = tables.end[k]
+    state.head[r] += 1
+    state.done[step, k - tables.first[chosen[step]]] = now
+    state.done_kind[step, tables.kind[k]] = now
 
 
 @inner_kernel
 def _free_from(
-    volumes: Volumes, scratch: Scratch, r: int, step: int, volume: int, now: float
+    volumes: Volumes, state: RolloutState, r: int, step: int, volume: int, now: float
 ) -> float:
     """Return when other robots have left a volume [s]."""
-    for other in range(len(scratch.held_count)):
+    for other in range(len(state.held_count)):
         if other == r:
             continue
         past = 0
-        for h in range(scratch.held_count[other] - 1, -1, -1):
-            if scratch.held_until[other, h] <= now:
+        for h in range(state.held_count[other] - 1, -1, -1):
+            if state.held_until[other, h] <= now:
                 past += 1
                 if past > 3:
                     break
                 continue
-            if scratch.held_step[other, h] != step and do_volumes_meet(
-                volumes, volume, scratch.held[other, h]
+            if state.held_step[other, h] != step and do_volumes_meet(
+                volumes, volume, state.held[other, h]
             ):
-                now = scratch.held_until[other, h]
+                now = float(state.held_until[other, h])
     return now
 
 
 @inner_kernel
-def _hold(scratch: Scratch, r: int, step: int, volume: int, until: float) -> None:
-    count = scratch.held_count[r]
-    scratch.held[r, count] = volume
-    scratch.held_step[r, count] = step
-    scratch.held_until[r, count] = until
-    scratch.held_count[r] = count + 1
+def _hold(state: RolloutState, r: int, step: int, volume: int, until: float) -> None:
+    count = state.held_count[r]
+    state.held[r, count] = volume
+    state.held_step[r, count] = step
+    state.held_until[r, count] = until
+    state.held_count[r] = count + 1

@@ -22,7 +22,7 @@ SAMPLES = 3
 MARGIN = 0.01
 """Kept on top of the clearance, for what lies between the samples and for loads [m]."""
 
-_UNKNOWN, _APART, _MEETS = -1, 0, 1
+_UNKNOWN = -1
 
 
 class Volumes(NamedTuple):
