@@ -115,7 +115,7 @@ def run_annealing(
         users: step that uses an object, -1 for none, shape (objects,); scratch.
         draws: numbers from 0 to 1 for each move, shape (moves, _DRAWS).
     """
-    current = run_rollout(tables, volumes, state, chosen, True)
+    current = run_rollout(tables, volumes, state, chosen, True, np.inf)
     least, warm, cold = current, _WARM * current, _COLD * current
     trial = chosen.copy()
     for move in range(len(draws)):
@@ -134,9 +134,9 @@ def run_annealing(
                 changed = _change(neighbours, trial, users, step + k, share, other)
         if not changed or not _is_in_order(neighbours, trial, users):
             continue
-        makespan = run_rollout(tables, volumes, state, trial, True)
-        worse = makespan - current
-        if worse > 0.0 and draws[move, 8] >= np.exp(-worse / warmth):
+        most = current - warmth * np.log(1.0 - draws[move, 8])
+        makespan = run_rollout(tables, volumes, state, trial, True, most)
+        if makespan > most:
             continue
         current = makespan
         chosen[:] = trial

@@ -124,12 +124,6 @@ def _skill(
     settings: MotionSettings,
     after: list[int],
 ) -> RobotOperation:
-    if cell.is_machine(task.robot):
-        at = np.repeat(start[None], 2, axis=0)
-        lasts = settings.seconds_of(cell, task) or 0.0
-        return RobotOperation(
-            task.robot, task.kind, at, np.array([0.0, lasts]), tuple(after)
-        )
     path = np.vstack([start, task.path])
     seconds, speed = settings.seconds_of(cell, task), settings.speeds[task.robot]
     times = path_times(path, speed)

@@ -90,7 +90,7 @@ class PredictionModel:
         choices: alternatives of all steps, in the order of the steps.
         tables: their operations.
         volumes: the space that their pieces need.
-        robots: number of robots and machines.
+        robots: number of robots.
     """
 
     choices: tuple[StepChoice, ...]
@@ -249,8 +249,6 @@ class _TableBuilder:
         self._piece_first.append(len(self._volume))
 
     def _leaving(self, item: RobotOperation) -> tuple[int, float]:
-        if self._cell.is_machine(item.robot):
-            return -1, 0.0
         robot = self._cell.robot(item.robot)
         start = item.path[-1]
         way = _LEAVING * without_turns(robot.home - start, ~robot.model.chain.prismatic)
@@ -269,8 +267,6 @@ class _TableBuilder:
         """Return the seconds from each end to each start configuration of a robot [s]."""
         robot = self._cell.robots[k]
         starts, ends = np.array(self._starts[k].items), np.array(self._ends[k].items)
-        if self._cell.is_machine(robot.name):
-            return np.zeros((len(ends), len(starts)))
         speed, turning = (
             self._settings.speeds[robot.name],
             ~robot.model.chain.prismatic,

@@ -31,6 +31,7 @@ class RolloutState(NamedTuple):
         done: when the operations of each step are complete, shape (steps, most) [s].
         done_kind: when the last operation of a kind is, shape (steps, kinds) [s].
         clock: of each robot, shape (r,) [s].
+        left_s: how long its operations that are not dispatched take, travels between steps left out, shape (r,) [s].
         at: number of its configuration, shape (r,).
         held, held_step: volumes that robots have needed, with the step they are for, shape (r, h).
         held_until: until when, shape (r, h) [s].
@@ -44,6 +45,7 @@ class RolloutState(NamedTuple):
     done: Array
     done_kind: Array
     clock: Array
+    left_s: Array
     at: Indices
     held: Indices
     held_step: Indices
@@ -67,6 +69,7 @@ def make_state(model: PredictionModel) -> RolloutState:
             np.zeros(robots, whole),
             np.zeros((steps, tables.most)),
             np.zeros((steps, tables.kinds)),
+            np.zeros(robots),
             np.zeros(robots),
             np.zeros(robots, whole),
             np.zeros((robots, most * pieces), whole),
@@ -100,7 +103,7 @@ def roll_out(
     conflicts: bool,
 ) -> float:
     """Return the predicted makespan of an assignment [s]; see ``predict_makespan``."""
-    return run_rollout(tables, volumes, state, chosen, conflicts)
+    return run_rollout(tables, volumes, state, chosen, conflicts, np.inf)
 
 
 @inner_kernel
@@ -110,8 +113,9 @@ def run_rollout(
     state: RolloutState,
     chosen: Indices,
     conflicts: bool,
+    most: float,
 ) -> float:
-    """Return the predicted makespan of an assignment [s]; see ``predict_makespan``."""
+    """Return the predicted makespan of an assignment, infinity where it exceeds ``most`` [s]."""
     left = _begin(tables, state, chosen)
     queue, head, queued = state.queue, state.head, state.queued
     while left > 0:
@@ -126,6 +130,8 @@ def run_rollout(
             return np.inf
         _dispatch(tables, volumes, state, chosen, best, soonest, conflicts)
         left -= 1
+        if state.clock[best] + state.left_s[best] > most:
+            return np.inf
     makespan = 0.0
     for r in range(len(queued)):
         first = tables.travel_first[r] + state.at[r] * tables.starts[r]
@@ -139,7 +145,7 @@ def _begin(tables: PredictionTables, state: RolloutState, chosen: Indices) -> in
     for r in range(len(state.queued)):
         state.queued[r] = state.head[r] = state.at[r] = 0
         state.held_count[r] = 0
-        state.clock[r] = 0.0
+        state.clock[r] = state.left_s[r] = 0.0
     total = 0
     for step in range(len(chosen)):
         for kind in range(state.done_kind.shape[1]):
@@ -151,6 +157,7 @@ def _begin(tables: PredictionTables, state: RolloutState, chosen: Indices) -> in
             state.queue[r, state.queued[r]] = k
             state.queue_step[r, state.queued[r]] = step
             state.queued[r] += 1
+            state.left_s[r] += tables.seconds[k]
             total += 1
     return total
 
@@ -213,6 +220,7 @@ def _dispatch(
     else:
         now += tables.seconds[k]
     state.clock[r] = now
+    state.left_s[r] -= tables.seconds[k]
     state.at[r] = tables.end[k]
     state.head[r] += 1
     state.done[step, k - tables.first[chosen[step]]] = now

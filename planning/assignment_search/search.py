@@ -29,7 +29,8 @@ def search_assignments(
 ) -> list[TaskPlan]:
     """Return assignments that are predicted to end sooner than a plan, the most promising first.
 
-    There are none where robots change tools or keep holding what they placed: predictions do not know either.
+    There are none where robots change tools or keep holding what they placed, or where machines work:
+    predictions know neither.
 
     Args:
         cell: where it is built.
@@ -39,7 +40,9 @@ def search_assignments(
     """
     problem = work.problem
     choices = list(islice(step_choices(problem), MOST_CHOICES + 1))
-    if problem.kept or problem.changes or len(choices) > MOST_CHOICES:
+    if problem.kept or problem.changes or cell.machines:
+        return []
+    if len(choices) > MOST_CHOICES:
         return []
     number = {choice: k for k, choice in enumerate(choices)}
     if any(choice not in number for choice in plan.choices):

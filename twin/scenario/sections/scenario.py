@@ -120,7 +120,7 @@ class PlanningSection(Section):
     step_s: Annotated[float, Field(ge=0.001, le=10)] = 0.05
     planner: Annotated[Name, AfterValidator(_registered_planner)] = "rrt-connect"
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
-    assignment: Literal["paper", "search"] = "search"
+    assignment: Literal["paper", "search"] = "paper"
     coordination: Literal["sequential", "synchronous"] = "sequential"
     joint_planning: Literal["conflicts", "always"] = "conflicts"
     paths: Literal["auto", "rrt"] = "auto"
