@@ -50,7 +50,7 @@ def connect_nodes(
     """Return the graph of nodes with planned times, reduced and checked.
 
     Args:
-        nodes: a graph whose edges are not looked at.
+        nodes: a graph whose edges are ignored.
         known: edges in addition to those of dependencies, shape (e, 4), and their causes: what they
             imply is not searched again.
         progress: called during the conflict search, see ``find_motion_edges``.
@@ -90,7 +90,7 @@ def find_motion_edges(
     next node, which is clear of v. With the paper's point occupancies that is its successor rule.
 
     Args:
-        nodes: a graph whose edges are not looked at.
+        nodes: a graph whose edges are ignored.
         task_edges: what is known to precede; not searched again.
         progress: called after each ordered pair of robots with pairs done and in all, by the
             thread that searched it.

@@ -20,9 +20,9 @@ from planning.transforms import Indices
 from scheduling.conflicts.conflict_search import first_conflict
 from scheduling.conflicts.derived_tpg import (
     DerivedTpg,
-    holds_stretch,
-    rest_stretch,
-    standing_stretch,
+    occupant_of_holds,
+    occupant_of_rest,
+    occupant_of_standing_robot,
 )
 from scheduling.conflicts.object_spans import Node, Rest, nodes_meeting_rest
 from scheduling.conflicts.occupancy import Occupancy
@@ -80,7 +80,7 @@ def _check_holds(graph: DerivedTpg) -> None:
             holds = np.flatnonzero(first < stop)
             if len(holds) == 0:
                 continue
-            standing = holds_stretch(graph, k, holds).occupancy
+            standing = occupant_of_holds(graph, k, holds).occupancy
             found = _conflict(graph, standing, i, first[holds] - 1, stop[holds])
             if found is not None:
                 h, v = found
@@ -96,7 +96,7 @@ def _check_robots_without_nodes(graph: DerivedTpg) -> None:
     for robot in tpg.cell.robots:
         if robot.name in tpg.chain_index:
             continue
-        standing = standing_stretch(graph, robot).occupancy
+        standing = occupant_of_standing_robot(graph, robot).occupancy
         for i, chain in enumerate(tpg.chains):
             window = np.full(1, -1), np.full(1, len(chain))
             found = _conflict(graph, standing, i, *window)
@@ -124,7 +124,7 @@ def _check_rests(graph: DerivedTpg) -> None:
     """Check (c)."""
 
     def node_into(rest: Rest) -> Node | None:
-        occupancy = rest_stretch(graph, rest).occupancy
+        occupancy = occupant_of_rest(graph, rest).occupancy
         for i, chain in enumerate(graph.tpg.chains):
             floor, limit = nodes_meeting_rest(graph.order, rest, i, len(chain))
             if floor + 1 < limit:

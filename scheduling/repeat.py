@@ -1,17 +1,18 @@
-"""The graph of many products, repeated from a pattern: edges and proof of a few copies.
+"""The temporal plan graph of many equal products, made from the graph of a few copies of one product's plan.
 
 Whether two nodes conflict depends on their paths and loads, which are the same in every copy; contacts are
-allowed within one copy alone. So a node that conflicts with one of an earlier copy conflicts with the same
-one of every earlier copy, and the last of them is in the copy just before: an edge reaches back no further
-than one copy, and a planned wait no further than it states. Edges into a copy are therefore those into the
-one before it, shifted, as soon as all their sources exist. This is verified: the graph of some copies is
-built and proved as any other, and its edges must repeat.
+allowed only within one copy. So if a node conflicts with a node u of one earlier copy, it conflicts with the
+u of every earlier copy. It need wait only for the last of these, in the copy just before: no edge of a
+conflict reaches further back than one copy, and a planned wait reaches back as far as the pattern states.
+From the copy on at which all sources of edges exist, the edges into a copy are therefore those into the copy
+before, shifted. This is verified: the graph of a few copies is built and proved as any other, and its edges
+must repeat.
 
-The invariant then holds for any number of copies. Take a node v of copy m and a robot or an object that
-stands for a while in copy n, with which v conflicts. With n = m it was proved in the graph of few copies,
-and so it was with n = m - 1 and n = m + 1: v is ordered after the end of that stand in the copy before, and
-ahead of its beginning in the copy after. Nodes of one robot are in order, copy after copy; hence v comes
-after that stand in all earlier copies and ahead of it in all later.
+The invariant then holds for any number of copies. Let a node v of copy m conflict with a hold of a robot, or
+a rest of an object, in copy n. For n = m - 1, m and m + 1 the order was proved in the graph of a few copies:
+v comes after the end of that hold or rest in copy m - 1, and before its beginning in copy m + 1. The nodes of
+a robot are in order, copy after copy; hence v comes after it in all earlier copies and before it in all later
+ones.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ from scheduling.graph.task_edges import task_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks, transitive_reduction
 
-_MORE = 4
-"""Copies that are built beyond those needed before it is given up that edges repeat."""
+_EXTRA_COPIES = 4
+"""Most copies that are built beyond those needed, until edges repeat."""
 
 
 def repeat_graph(
@@ -49,7 +50,7 @@ def repeat_graph(
             in another, or copies do not repeat.
     """
     least = pattern.reach + 3
-    for copies in range(least, least + _MORE + 1):
+    for copies in range(least, least + _EXTRA_COPIES + 1):
         if pattern.copies <= copies:
             return connect_nodes(DerivedTpg(copied_nodes(tpg, pattern)))
         cut = pattern.copies - copies
@@ -58,9 +59,9 @@ def repeat_graph(
         lengths = [len(chain) for chain in tpg.chains]
         edges = _Edges(few.edges, few.cause, np.array(lengths, dtype=np.int64))
         if edges.repeat(copies - 2):
-            return _whole(tpg, pattern, edges, copies)
+            return _all_copies(tpg, pattern, edges, copies)
     raise PlanInvariantError(
-        f"what {least + _MORE} copies of the plan of a product wait for does not repeat"
+        f"what {least + _EXTRA_COPIES} copies of the plan of a product wait for does not repeat"
     )
 
 
@@ -94,10 +95,10 @@ class _Edges:
         return np.array_equal(before, edges) and np.array_equal(why, cause)
 
 
-def _whole(
+def _all_copies(
     tpg: TemporalPlanGraph, pattern: Pattern, few: _Edges, copies: int
 ) -> TemporalPlanGraph:
-    """Return the graph of all copies, with shifted edges of a few."""
+    """Return the graph of all copies, from the edges of a few copies, shifted."""
     parts = [few.into(copy) for copy in range(copies - 1)]
     steady = copies - 2
     parts += [few.into(steady, by) for by in range(1, pattern.copies - copies + 1)]

@@ -1,4 +1,4 @@
-"""The ``twin`` program."""
+"""The ``twin`` program. Its basic commands, such as ``twin run``, are in twin/commands/; twin/registry.py lists all."""
 
 from __future__ import annotations
 

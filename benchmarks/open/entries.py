@@ -23,9 +23,9 @@ from planning.errors import TwinError
 from twin.audits.motion.executed import ReplayedRun
 from twin.exports.open_plan import open_plan_of
 from twin.judge.delays import nominal_spans
-from twin.judge.foreign_execution import planned_spans
 from twin.judge.judge import JudgedPlan
 from twin.judge.open_plan import OpenPlan
+from twin.judge.open_plan_execution import planned_spans
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import default_shortcuts, motion_settings
 from twin.runs import policies

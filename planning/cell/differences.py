@@ -24,17 +24,17 @@ _SAME = 1e-9  # poses and sizes that differ by less are equal but for rounding [
 
 
 def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
-    """Return the names of what differs between a cell and the one that a plan was made for.
+    """Return the differences between the cell that a plan was made for and another one.
 
-    Objects that come up later, the next bricks of feeding stations, are the plan's own. Where a plan
-    that begins in the middle has objects, and robots that are out, is for it to say.
+    Not compared: objects that appear later, such as further bricks of feeding stations; and, for a plan
+    that begins during a run, the poses of objects at its begin, and HOME of robots out of service.
 
     Args:
         planned: cell of the plan.
         given: cell of a scenario.
 
     Returns:
-        One sentence a difference, each naming what differs; empty where the plan fits.
+        One sentence per difference, each naming what differs; empty if the plan fits.
     """
     begun = planned.begun
     out = [
@@ -47,7 +47,11 @@ def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
         *_compared("fixture", planned.fixtures, given.fixtures, _fixture),
         *_compared(
             "object",
-            [item for item in planned.objects if _is_the_cells(item, given, begun)],
+            [
+                item
+                for item in planned.objects
+                if _is_there_at_start(item, given, begun)
+            ],
             [item for item in given.objects if not item.later],
             partial(_object, starts=begun is None),
         ),
@@ -60,8 +64,8 @@ def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
     return out
 
 
-def _is_the_cells(item: CellObject, given: Workcell, begun: Begun | None) -> bool:
-    """Tell whether an object of a plan is one that its cell has at the start."""
+def _is_there_at_start(item: CellObject, given: Workcell, begun: Begun | None) -> bool:
+    """Tell whether an object of a plan is compared: one that is there at the start of the scenario."""
     if begun is None:
         return not item.later
     return any(item.name == own.name and not own.later for own in given.objects)

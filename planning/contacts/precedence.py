@@ -117,7 +117,7 @@ def build_part_graph(
         fixtures: what stands fast.
         touch: parts nearer to each other than this touch [m].
         covers: see PartGraph and ``parts_stacked_on``.
-        overlaps: how deep things may be in each other, where anybody can say that; else only by rounding.
+        overlaps: allowed overlaps; by default only those of rounding.
 
     Raises:
         ConstructionError: two parts, or a part and a fixture, would overlap.

@@ -1,7 +1,7 @@
 """Depth of a triangle surface in a convex solid, and whether a point is inside the surface.
 
 The depth of a point in a convex solid is a concave function. Over a triangle it is bounded from
-above by its tangents; triangles are halved where that bound is above what was found.
+above by its tangent planes. Triangles whose bound is greater than the depth found so far are halved.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from planning.transforms import Array
 
 _TOLERANCE = 1e-6
-"""Depths are found to within this [m]."""
+"""Accuracy of depths [m]."""
 
-_MOST = 40_000
-"""Triangles that are looked at together; with more, the bound is what is returned."""
+_MOST_TRIANGLES = 40_000
+"""Most triangles that are examined together; with more, the upper bound is returned."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ConvexSolid:
     Attributes:
         normals: of its planes, outwards, shape (p, 3).
         offsets: of its planes from the origin along them, shape (p,) [m].
-        inner: how deep a point is in it at most, or nearly [m].
+        inner: depth of its deepest point, approximately [m].
         middle: a point inside of it, shape (3,) [m].
         low, high: corners of the box around it, shape (3,) [m].
     """
@@ -51,11 +51,11 @@ class ConvexSolid:
 
 @dataclass(frozen=True)
 class RoundSolid(ConvexSolid):
-    """A solid around a stretch of the z axis, between planes if any.
+    """All points near a piece of the z axis, such as a cylinder or capsule, cut by planes if there are any.
 
     Attributes:
         radius: of its round side [m].
-        reach: half the length of the stretch, infinite for the round side of a cylinder [m].
+        reach: half the length of that piece, infinite for the round side of a cylinder [m].
     """
 
     radius: float
@@ -80,14 +80,14 @@ class RoundSolid(ConvexSolid):
         return np.asarray(np.minimum(around, super().bounds(triangles, centres)))
 
     def _from_axis(self, points: Array) -> Array:
-        """Return points as seen from the nearest of the axis, shape (n, 3) [m]."""
+        """Return vectors to points from the nearest point of the axis, shape (n, 3) [m]."""
         out = points.copy()
         out[..., 2] -= np.clip(points[..., 2], -self.reach, self.reach)
         return out
 
 
 def deepest_point(solid: ConvexSolid, triangles: Array) -> float:
-    """Return how deep the deepest point of a surface is in a solid, minus infinity where none is [m].
+    """Return the depth of the deepest point of a surface in a solid [m], minus infinity if none is inside.
 
     Args:
         solid: in its own frame.
@@ -108,14 +108,14 @@ def deepest_point(solid: ConvexSolid, triangles: Array) -> float:
         looked = np.vstack([centres, left.reshape(-1, 3)])
         best = max(best, float(solid.depths(looked).max()))
         left = left[bound > max(best, 0.0) + _TOLERANCE]
-        if len(left) > _MOST:
+        if len(left) > _MOST_TRIANGLES:
             return float(bound.max())
         left = _halved(left)
     return best if best > 0.0 else -math.inf
 
 
 def _halved(triangles: Array) -> Array:
-    """Return triangles halved at the middle of their longest edges."""
+    """Return the halves of triangles, cut at the midpoints of their longest edges."""
     edges = triangles[:, [1, 2, 0]] - triangles
     longest = np.einsum("nkx,nkx->nk", edges, edges).argmax(axis=1)
     order = (longest[:, None] + np.arange(3)) % 3

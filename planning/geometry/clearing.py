@@ -1,7 +1,7 @@
 """Collision checks of whole motions amid static obstacles, compiled.
 
-Capsules propose pairs of bodies on ever shorter stretches of a motion; pairs whose hulls are
-proved apart there are dropped. What cannot be proved is left to the exact decision.
+Pairs of bodies whose capsules are close are found on shorter and shorter stretches of a motion; pairs whose
+hulls are proved apart there are dropped. Pairs for which nothing is proved are decided exactly afterwards.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ class Solid:
         local: pose of the body in the frame of the joint, or in the world.
         carrier: joints of the robot, None for a body at rest in the world.
         joint: the carrying joint, -1 for the base.
-        deviates: how far any point of it may be from where the carrier's joints have it [m].
+        deviates: largest distance of any point from its place by forward kinematics [m].
     """
 
     name: str
@@ -81,7 +81,7 @@ class Solid:
         Args:
             pose: coal's, of the body in the world.
         """
-        if self._base_is_sure or self.carrier is None:
+        if self._has_exact_base or self.carrier is None:
             return self.deviates
         rotation, origin = np.asarray(pose.getRotation()), pose.getTranslation()
         points = self.body.vertices @ rotation.T + (origin - self.carrier.base[:3, 3])
@@ -90,7 +90,7 @@ class Solid:
         return float(self.deviates + displacement + angle * most)
 
     @cached_property
-    def _base_is_sure(self) -> bool:
+    def _has_exact_base(self) -> bool:
         return self.carrier is None or not np.any(self.carrier.error)
 
     @cached_property
@@ -101,7 +101,7 @@ class Solid:
     @cached_property
     def where_planned(self) -> Solid:
         """The same body without errors: base at its planned pose, no deviation from the path."""
-        if self.carrier is None or (self._base_is_sure and not self.deviates):
+        if self.carrier is None or (self._has_exact_base and not self.deviates):
             return self
         carrier = self.carrier._replace(error=np.zeros(2))
         return replace(self, carrier=carrier, deviates=0.0)
@@ -173,11 +173,11 @@ def place_at_middle(
     Args:
         solid: the body.
         q_a, q_b: ends of its carrier's motion, shape (n,); ignored for a body at rest.
-        root: joint in whose frame the straying is measured, -1 for the world.
+        root: joint in whose frame the displacement is measured, -1 for the world.
 
     Returns:
-        The pose, and a bound of the distance of every point at any time of the motion from
-        where it is in the middle [m].
+        The pose, and a bound on the distance of every point, at any time of the motion, from its
+        place at the middle [m].
     """
     if solid.carrier is None:
         return solid.at_rest, 0.0
@@ -216,22 +216,23 @@ def may_come_close(
     """Tell whether two bodies can come closer than a clearance, each anywhere on its motion.
 
     The two motions are independent: either body may be anywhere on its way while the other is
-    anywhere on its own, which is what two unordered TPG nodes mean. Or one robot carries both.
+    anywhere on its own, as in two unordered TPG nodes. With ``together`` one robot carries both.
 
     Args:
         a, b: the bodies.
         a_from, a_to: ends of the straight joint-space motion that carries ``a``, shape (n,).
         b_from, b_to: likewise for ``b``.
-        clearance: least distance, wherever bases are that may be off; negative for an overlap that
-            is let pass [m].
-        tolerance: motion that is not divided further, so far from the truth at most [m].
+        clearance: least distance, for any base error and deviation; negative for an allowed overlap
+            [m].
+        tolerance: displacement below which motions are not divided further; bounds the error of the
+            decision [m].
         together: whether both are carried by one robot on one and the same motion.
     """
     # Seen from the joint that carries the lower of the two, only the joints above it move.
     root = min(a.joint, b.joint) if together else -1
     if a.carrier is None and b.carrier is not None:
         a, a_from, a_to, b, b_from, b_to = b, b_from, b_to, a, a_from, a_to
-    # Closest parts first: where the bodies do come close, that is soon found.
+    # Closest parts first, so that a too small distance is found soon.
     parts = [(0.0, 0, a_from, a_to, b_from, b_to)]
     made = 0
     while parts:
@@ -240,7 +241,7 @@ def may_come_close(
         pose_b, moved_b = place_at_middle(b, b0, b1, root)
         gap = hull_distance(a, pose_a, b, pose_b)
         least, outward = clearance, 0.0
-        if not together:  # else both are off as one
+        if not together:  # else both have the same error
             for item, pose, moved in ((a, pose_a, moved_a), (b, pose_b, moved_b)):
                 if (off := item.deviation_bound_with_base(pose)) > 0.0 and item.carrier:
                     least += off

@@ -290,7 +290,7 @@ class SceneChecker:
         Args:
             path: waypoints of straight joint-space motions, shape (w, n).
             name: of the fixture or object; what is not there is far away.
-            limit: least distance, negative for an overlap that is let pass [m].
+            limit: least distance, negative for an allowed overlap [m].
         """
         return any(
             self._tool_comes_within(path, column, limit)

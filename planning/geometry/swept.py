@@ -3,7 +3,7 @@
 Each capsule is placed at the middle of the line and its radius grown by a bound of how far any
 of its points gets from there: joint by joint from the tip, a point within r of the joint's axis
 (and displaced by at most m through the joints behind) moves at most (r + m) times half the
-joint's travel. The bound is rigorous, so nothing between two samples goes unseen.
+joint's travel. The bound is rigorous, so it holds between samples, too.
 """
 
 from __future__ import annotations

@@ -22,17 +22,19 @@ from planning.steps.skill import Obstruction
 from planning.transforms import Array, Transform, inverse, translation
 
 _LEAST_DEPTH_MM = 3
-"""Fingers that hold a part less deep do not hold it."""
+"""Least depth of a part between fingers at which they can hold it [mm]."""
 
-DEEPEST = 0.002
+MOST_OVERLAP = 0.002
 """Allowed overlap of a tool with the gripped part, such as of fingers modelled too far closed [m]."""
 
-_STEPS = 6
+_SAMPLES = 6
 """Number of samples on the straight approach at which a tool is measured."""
 
-_NOWHERE: Array = np.zeros(0)
+_NO_JOINTS: Array = np.zeros(0)
+"""Joint values of a body that no joint moves."""
 
-_FITS: BoundedCache[float] = BoundedCache(20_000)
+_DEPTHS: BoundedCache[float] = BoundedCache(20_000)
+"""Cached penetration depths, see ``_depth``."""
 
 
 def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
@@ -42,7 +44,7 @@ def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
     stays upright on it.
 
     Args:
-        rules: of the assembly, for what the tool does not tell.
+        rules: of the assembly, where the tool has none of its own.
         tool: kind of grip; None where unknown.
     """
     if tool is None:
@@ -207,8 +209,8 @@ def explain_tool_misfit(
 ) -> Obstruction | None:
     """Return why a robot's tool cannot hold a part by a grip, None where it can.
 
-    Its own body would be in the part on the straight path to the grip, open as it is described. Boxes
-    between the fingers of robots that come with their tools are not looked at: those follow them.
+    The body of the tool, with its fingers open as described, would overlap the part on the straight path to the
+    grip. Boxes are not checked for robot models with a built-in tool, whose fingers adapt to the box.
 
     Args:
         robot: the robot.
@@ -222,12 +224,12 @@ def explain_tool_misfit(
     tip, model = robot.model.frame_in_last_joint(frame), robot.model
     about = tip, part.shape, grip.pose, approach
     key = (model, tip.tobytes(), part.shape, grip.pose.tobytes(), approach)
-    depth = _FITS.get(key, lambda: _depth(model, *about))
-    if depth <= DEEPEST:
+    depth = _DEPTHS.get(key, lambda: _depth(model, *about))
+    if depth <= MOST_OVERLAP:
         return None
     return Obstruction(
         f"the tool of {robot.name} would be {depth * 1e3:.1f} mm in {part.name}, open as it is held, and"
-        f" may be {DEEPEST * 1e3:g} mm: hold its fingers farther apart (joints of the tool), or let it"
+        f" may be {MOST_OVERLAP * 1e3:g} mm: hold its fingers farther apart (joints of the tool), or let it"
         " grip where the part is thinner"
     )
 
@@ -241,10 +243,10 @@ def describe_missed_contact(
         robot: the robot.
         part: the part.
         grip: the grip.
-        rules: of the assembly, which say what the tool does not.
+        rules: of the assembly, where the tool has none of its own.
 
     Returns:
-        None where it would, or where its shapes do not tell.
+        None where it would, or where this cannot be told from its shapes.
     """
     own, tip = (
         tool_rules(rules, robot.model.grip),
@@ -259,13 +261,15 @@ def _depth(
 ) -> float:
     """Return the penetration depth of a tool in a part on the straight path to a grip [m]."""
     hull = [resting_solid("part", piece, np.eye(4)) for piece in shape.pieces]
-    still = [(solid, place_at_middle(solid, _NOWHERE, _NOWHERE)[0]) for solid in hull]
+    still = [
+        (solid, place_at_middle(solid, _NO_JOINTS, _NO_JOINTS)[0]) for solid in hull
+    ]
     deepest = 0.0
-    for share in np.linspace(0.0, 1.0, _STEPS).tolist():
+    for share in np.linspace(0.0, 1.0, _SAMPLES).tolist():
         at = grip @ translation(0.0, 0.0, -share * approach) @ inverse(tip)
         for body in own_bodies(model):
             moved = Solid("tool", body, at)
-            pose = place_at_middle(moved, _NOWHERE, _NOWHERE)[0]
+            pose = place_at_middle(moved, _NO_JOINTS, _NO_JOINTS)[0]
             low, high = moved.vertices.min(axis=0), moved.vertices.max(axis=0)
             if np.any(low > shape.high) or np.any(high < shape.low):
                 continue

@@ -49,10 +49,10 @@ class CompositeChecker:
 
     Args:
         cell: the static cell.
-        tasks: robot name to the index of the task it moves for; their order is that of the
+        tasks: index of the current task of each robot that moves, by name; its order is that of the
             joints.
-        state: where everything is at the start.
-        last_task: task that each standing robot did last.
+        state: world state at the start.
+        last_task: last task of each standing robot.
         allowed: the table of allowed contacts.
         speeds: speed model of each robot.
         step: longest time of a part [s].

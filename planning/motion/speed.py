@@ -112,18 +112,18 @@ def cut_path(
 ) -> tuple[Array, Array] | None:
     """Cut a polyline into parts of at most ``step`` seconds, keeping its corners.
 
-    Keeping the corners keeps the motion that was checked: a grid laid over them would cut them.
+    Parts end at every corner, so the motion stays the one that was checked; a uniform grid would cut corners.
 
     Args:
         path: polyline, shape (w, n), w >= 1.
         speed: the speed model.
         step: longest part [s].
-        count: how many parts there are to be; as few as there can be by default. What is cut least
-            finely gets what is left over.
+        count: number of parts, by default the smallest possible. Additional parts go to the segments
+            with the longest parts.
 
     Returns:
-        The end of each part, shape (k, n), and how long it takes, shape (k,) [s]; None where there
-        would have to be more parts.
+        The end of each part, shape (k, n), and its duration, shape (k,) [s]; None if ``count`` parts
+        are too few.
     """
     legs = [
         (a, b, seconds)

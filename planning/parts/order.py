@@ -1,13 +1,18 @@
-"""Search for an order of steps: by contacts, insertion paths and precedence, and by trial.
+"""Search for an order of steps: from contacts, insertion paths and stated precedences, then by trial and error.
 
-Supports precede the parts on them; parts that would be blocked on their straight insertion path precede
-those that block it; parts stacked in the stock are picked from the top; a process follows the placement of
-its part and precedes parts that block its tool. Among orders that keep all that, the one nearest to the
-list is tried; where no robot can do a step because of a part that is present, or still present, that part
-is moved later, or earlier.
+Known before any trial:
 
-Where something would fall (``balance``), props that keep it standing precede it. Where there are none and a
-later step joins it, its robot holds it, and that step comes as soon as possible.
+- a part follows the parts that it rests on;
+- a part whose straight insertion path another part would block precedes that part;
+- parts stacked in the stock are picked from the top;
+- a process follows the placement of its part, and precedes parts that would block its tool.
+
+The order tried first satisfies all of these and is nearest to the order of the scenario. If no robot can do
+a step because of a placed part, that part is placed after the step; because of a part still at its start,
+that part is placed before it; then the next order is tried.
+
+A part that would fall (``balance``) is placed after parts that support it. If there are none and a later
+step joins it to other parts, its robot holds it until then, and that step comes as soon as possible.
 """
 
 from __future__ import annotations
@@ -43,7 +48,7 @@ from planning.progress import Progress, no_progress
 from planning.transforms import translation
 
 _BORE = 0.002
-"""Width of the straight path of a tool to a place of work that no part may bar [m]."""
+"""Width of the straight path of a tool to the place of its process, which no part may block [m]."""
 
 
 def order_steps_by_search(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
@@ -54,10 +59,10 @@ def order_steps_by_search(cell: Workcell, assembly: PartAssembly) -> PartAssembl
         assembly: its steps are in any order.
 
     Raises:
-        InfeasibleStepError: there is none; the message names steps that wait for each other.
+        InfeasibleStepError: there is no such order; the message names steps that wait for each other.
         ConstructionError: two parts would overlap in their places.
     """
-    steps = _AnyOrder(cell, assembly)
+    steps = _UnorderedSteps(cell, assembly)
     return steps.ordered(steps.propped(steps.precedence()))
 
 
@@ -68,19 +73,19 @@ def find_ordered_candidates(
 ) -> PartCandidates:
     """Return the candidates of an assembly in an order in which robots can do every step.
 
-    Where no robot can do a step, the part that blocked most tries is moved to the other side
-    of it, and the next order is tried.
+    Where no robot can do a step, the part that blocked most attempts is moved from before the step to
+    after it, or the other way round, and the next order is tried.
 
     Args:
         cell: its objects are the parts.
         assembly: its steps are in any order.
-        progress: called with how many orders were tried, of how many at most.
+        progress: called with the number of orders tried, and its maximum.
 
     Raises:
         InfeasibleStepError: no order was found; names the obstacles of the last one.
         ConstructionError: two parts would overlap in their places.
     """
-    steps = _AnyOrder(with_tools_in_racks(cell), assembly)
+    steps = _UnorderedSteps(with_tools_in_racks(cell), assembly)
     known = steps.precedence()
     most = 2 * len(assembly.steps)
     for tried in range(most + 1):
@@ -90,7 +95,7 @@ def find_ordered_candidates(
         found = find_candidates(cell, ordered)
         stuck = found.problem.impossible
         if not stuck or tried == most:
-            return found  # what is still impossible is said by the assignment
+            return found  # the assignment reports the steps that are still impossible
         changed = steps.moved(known, ordered, stuck[0], found.blockers[stuck[0]])
         if changed is None:
             return found
@@ -98,7 +103,7 @@ def find_ordered_candidates(
     raise AssertionError("the last try returns")
 
 
-class _AnyOrder:
+class _UnorderedSteps:
     """Unordered steps, and the precedence known between them.
 
     Args:
@@ -141,7 +146,10 @@ class _AnyOrder:
         out = StepPrecedence(
             tuple(step.words for step in self._steps),
             tuple({} for _ in self._steps),
-            tuple(self._one_of(graph, parts.get(k)) for k in range(len(self._steps))),
+            tuple(
+                self._alternative_supports(graph, parts.get(k))
+                for k in range(len(self._steps))
+            ),
             {
                 k: frozenset({self._named[step.until]})
                 for k, step in self._places.items()
@@ -149,15 +157,17 @@ class _AnyOrder:
             },
         )
         for first, then, why in (
-            *self._said(),
-            *self._contacts(graph),
+            *self._stated_precedence(),
+            *self._support_precedence(graph),
             *self._insertion_precedence(),
-            *self._barred_works(),
+            *self._process_precedence(),
         ):
             out.require(first, then, why)
         return out
 
-    def _one_of(self, graph: PartGraph, part: str | None) -> frozenset[int]:
+    def _alternative_supports(
+        self, graph: PartGraph, part: str | None
+    ) -> frozenset[int]:
         """Return the steps at least one of which must precede a part that touches nothing else."""
         if part is None or part in graph.ground:
             return frozenset()
@@ -166,8 +176,8 @@ class _AnyOrder:
             return frozenset()
         return frozenset(self._placing[other] for other in near)
 
-    def _lacks(self, steps: Collection[int]) -> str:
-        """Return in words the least gap of parts that touch nothing in place."""
+    def _gap_message(self, steps: Collection[int]) -> str:
+        """Return a message on the smallest gap between parts of some steps and the fixed surroundings."""
         names = dict.fromkeys(s.part for k, s in self._places.items() if k in steps)
         near = {name: nearest_entity(self._goals[name], self._fixed) for name in names}
         found = [(at[1], name, at[0]) for name, at in near.items() if at is not None]
@@ -189,23 +199,23 @@ class _AnyOrder:
         order = known.order()
         if order is None:
             raise InfeasibleStepError(
-                f"there is no order of the steps\n{known.explained(self._lacks)}"
+                f"there is no order of the steps\n{known.explained(self._gap_message)}"
             )
         return replace(self._assembly, steps=tuple(self._steps[k] for k in order))
 
     def propped(self, known: StepPrecedence) -> StepPrecedence:
         """Return the precedence with all props that are found before the parts that they support.
 
-        What falls all the same is left for the candidates to refuse.
+        Parts that fall without any prop or hold stay as they are: ``find_candidates`` refuses them.
         """
         if self._assembly.balance is None:
             return known
-        standing, keepable = None, set[str]()
+        standing, holdable = None, set[str]()
         while True:
             ordered = self.ordered(known)
             steps, rules = part_steps(self._cell, ordered), self._assembly.balance
             standing = standing or make_stability_check(self._cell, steps, rules)
-            balance = PartBalance(self._cell, steps, rules, standing, keepable)
+            balance = PartBalance(self._cell, steps, rules, standing, holdable)
             if balance.fall is None:
                 return known
             falls = self._number(ordered.steps[balance.fall.step])
@@ -216,10 +226,10 @@ class _AnyOrder:
             )
             changed = next((t for t in tries if t.order() is not None), None)
             if changed is None:
-                name = next((n for n in balance.fall.holds if n not in keepable), None)
+                name = next((n for n in balance.fall.holds if n not in holdable), None)
                 if name is None or not (ends := self._joining(name, falls)):
                     return known
-                keepable.add(name)
+                holdable.add(name)
                 closing = {**known.closing, self._placing[name]: ends}
                 changed = replace(known, closing=closing)
             known = changed
@@ -236,8 +246,8 @@ class _AnyOrder:
         Args:
             known: the precedence.
             ordered: the order that was tried.
-            step: number of the step that no robot can do in it, from 1.
-            blockers: number of times that each obstacle blocked it.
+            step: number in that order of the step that no robot can do, from 1.
+            blockers: how often each obstacle blocked the step.
         """
         place = {
             s.part: k
@@ -260,7 +270,7 @@ class _AnyOrder:
         return None
 
     def _number(self, step: AnyStep) -> int:
-        """Return the list index of a step."""
+        """Return the index of a step in the order of the scenario."""
         return next(k for k, own in enumerate(self._steps) if own is step)
 
     def _joining(self, part: str, but: int) -> frozenset[int]:
@@ -273,8 +283,8 @@ class _AnyOrder:
                 found.add(by_other if joint.by is None else self._named[joint.by])
         return frozenset(k for k in found if k is not None and k != but)
 
-    def _said(self) -> Iterator[tuple[int, int, str]]:
-        """Yield the precedence stated by the scenario; processes and holds need their parts in place."""
+    def _stated_precedence(self) -> Iterator[tuple[int, int, str]]:
+        """Yield precedences that the scenario states, and those of processes and holds, whose parts must be placed."""
         placing = self._placing
         for k, step in enumerate(self._steps):
             for name in step.after:
@@ -290,7 +300,7 @@ class _AnyOrder:
             if isinstance(step, MachineWork) and step.part in placing:
                 yield placing[step.part], k, f"it is done at {step.part} in its place"
 
-    def _contacts(self, graph: PartGraph) -> Iterator[tuple[int, int, str]]:
+    def _support_precedence(self, graph: PartGraph) -> Iterator[tuple[int, int, str]]:
         """Yield the support relations of parts in their places and at the start."""
         at = self._placing
         for name, carriers in graph.carriers.items():
@@ -323,7 +333,7 @@ class _AnyOrder:
                     words = f"{name} would lock {other} in at its start"
                     yield at[other], at[name], words
 
-    def _barred_works(self) -> Iterator[tuple[int, int, str]]:
+    def _process_precedence(self) -> Iterator[tuple[int, int, str]]:
         """Yield parts that would block the straight path of a tool to its workplace, such as a rod on it."""
         placed = {item.name: item.start for item in self._cell.objects}
         placed |= self._assembly.goals

@@ -1,4 +1,4 @@
-"""Shape of a tool without its robot, for its place in the rack."""
+"""Shape of a tool that no robot holds, for its place in a tool rack."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
     """
     own = inverse(model.flange @ mount)
     elements = (
-        Element(_hull_form(part.body.vertices, own, name), read_only_copy(np.eye(4)))
+        Element(
+            _convex_hull_mesh(part.body.vertices, own, name), read_only_copy(np.eye(4))
+        )
         for part in model.parts
         if part.group == "tool"
     )
     return shape_of(name, tuple(elements))
 
 
-def _hull_form(vertices: Array, pose: Transform, source: str) -> Mesh:
+def _convex_hull_mesh(vertices: Array, pose: Transform, source: str) -> Mesh:
     corners = vertices @ pose[:3, :3].T + pose[:3, 3]
     hull = ConvexHull(corners)
     middle = corners.mean(axis=0)

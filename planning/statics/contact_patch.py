@@ -1,11 +1,11 @@
-"""Contact patches of two convex solids: points and direction in which they push on each other.
+"""Contact patch of two convex solids: the points at which they push on each other, and the direction.
 
-Solids in files stand a little apart or overlap a little where in truth they touch. The direction
+Solids that touch in reality may be a little apart, or overlap a little, in files. The direction
 is the one along which they are farthest apart (or overlap least), found among the normals of
-their faces and the common normals of their edges (separating axis theorem). What either solid has
-within ``SLACK`` of its outermost point along that direction is laid on a plane; the corners of the
-common area are the points of contact: no other point of it can bring a force that they cannot
-bring together.
+their faces and the common normals of their edges (separating axis theorem). The vertices of each
+solid within ``SLACK`` of its outermost point along that direction are projected onto a plane. The
+corners of the area that both projections cover are the contact points: contact forces anywhere in
+this area have an equivalent at its corners.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from planning.cell.body import ConvexBody
 from planning.transforms import Array, Transform, read_only_copy
 
 SLACK = 5e-4
-"""How far a point of a face may be from its outermost point and still be in contact [m]."""
+"""How far a vertex may be behind the outermost one, along the contact direction, and still touch [m]."""
 
 _THIN = 1e-5
-"""Edges and corners are taken to be this wide [m], so that they have an area to cut."""
+"""Half the width that edges and corners are given [m], so that they have an area to intersect."""
 
 _SAME = 1e-6
-"""Directions, or points [m], nearer to each other than this are one."""
+"""Directions, or distances [m], that differ by less count as equal."""
 
 _MOST_EDGES = 64
-"""Edge directions of a body that are paired with those of another, the longest edges first."""
+"""Most edge directions of a body that are paired with those of another, longest edges first."""
 
 
 @dataclass(frozen=True)
@@ -48,31 +48,29 @@ class ContactPatch:
 
 
 def contact_patch(
-    first: ConvexBody, at: Transform, second: ConvexBody, where: Transform
+    first: ConvexBody, first_pose: Transform, second: ConvexBody, second_pose: Transform
 ) -> ContactPatch:
     """Return the contact patch of two nearby solids.
 
     Args:
-        first: a solid.
-        at: its pose in the world.
-        second: another one.
-        where: its pose in the world.
+        first, second: the solids.
+        first_pose, second_pose: their poses in the world.
 
     Returns:
-        The contact; its ``gap`` says whether it is one. The gap of solids that are apart is that
-        along the best of the directions looked at: exact where a face or two edges are nearest,
-        less than the distance where corners are.
+        The contact, if its ``gap`` is small. The gap of solids that are apart is the greatest along all
+        examined directions: equal to their distance where a face or two edges are nearest, less than it
+        where corners are.
     """
-    a = first.vertices @ at[:3, :3].T + at[:3, 3]
-    b = second.vertices @ where[:3, :3].T + where[:3, 3]
+    a = first.vertices @ first_pose[:3, :3].T + first_pose[:3, 3]
+    b = second.vertices @ second_pose[:3, :3].T + second_pose[:3, 3]
     ours, theirs = _bounding_directions(first), _bounding_directions(second)
     axes = _axes(
-        (ours.normals @ at[:3, :3].T, ours.edges @ at[:3, :3].T),
-        (theirs.normals @ where[:3, :3].T, theirs.edges @ where[:3, :3].T),
+        (ours.normals @ first_pose[:3, :3].T, ours.edges @ first_pose[:3, :3].T),
+        (theirs.normals @ second_pose[:3, :3].T, theirs.edges @ second_pose[:3, :3].T),
     )
     # Of an axis and its opposite, the one along which the second lies beyond the first.
     gaps = (axes @ b.T).min(axis=1) - (axes @ a.T).max(axis=1)
-    # Of directions that are as good as each other a face's comes first: it has the larger area.
+    # Of equally good directions, that of a face comes first: it has the larger area.
     best = int(np.flatnonzero(gaps >= gaps.max() - _SAME)[0])
     normal = axes[best]
     return ContactPatch(_common_points(a, b, normal), normal, float(gaps[best]))
@@ -101,7 +99,7 @@ def _directions(corners: bytes) -> Directions:
     points = np.frombuffer(corners).reshape(-1, 3)
     try:
         hull = ConvexHull(points)
-    except QhullError:  # flat, or a line: its principal axes will do
+    except QhullError:  # flat, or a line: principal axes suffice
         axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2]
         return Directions(
             read_only_copy(np.vstack([axes, -axes])), read_only_copy(axes)
@@ -113,7 +111,7 @@ def _directions(corners: bytes) -> Directions:
             ends.setdefault(frozenset({simplex[k], simplex[k - 1]}), []).append(face)
     edges = []
     for pair, faces in ends.items():
-        # Triangles of one face meet in an edge that is none.
+        # The common edge of two coplanar triangles is no edge of the body.
         if len(faces) == 2 and normals[faces[0]] @ normals[faces[1]] > 1.0 - _SAME:
             continue
         i, j = pair
@@ -156,7 +154,7 @@ def _common_points(a: Array, b: Array, normal: Array) -> Array:
     theirs = _outline(b[second <= second.min() + SLACK] @ across.T)
     common = _clipped(ours, theirs)
     if not len(common):
-        # Neighbours whose nearest features are corners next to each other.
+        # The nearest features are corners, next to each other.
         common = 0.5 * (ours.mean(axis=0) + theirs.mean(axis=0))[None, :]
     return np.asarray(common @ across + height * normal)
 

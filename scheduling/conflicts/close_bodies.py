@@ -1,7 +1,7 @@
 """Close bodies on two stretches of motion, compiled, and the state of a dual-tree descent.
 
-Separating planes dismiss pairs of bodies, for ever shorter stretches of both motions; on two
-segments hulls decide.
+Pairs of bodies are excluded by separating planes, over shorter and shorter stretches of both motions; on two
+segments convex hull distances decide.
 """
 
 from __future__ import annotations
@@ -89,9 +89,9 @@ class Descent(NamedTuple):
         a: occupancy of the nodes v that may have to wait.
         b: occupancy of the nodes u that may have to be waited for.
         table: allowed contacts and clearances.
-        floor: last u that each v waits for already, never falling, by node of ``a``; raised
-            as conflicts are noted.
-        limit: first u that is not at stake for each v, never falling, by node of ``a``.
+        floor: last u that each v waits for already, non-decreasing, by node of ``a``; raised
+            when conflicts are found.
+        limit: first u outside the query for each v, non-decreasing, by node of ``a``.
         slack: subtracted from the clearances [m].
         room: to work in.
     """

@@ -1,11 +1,10 @@
 """Search for conflicts of two occupancies: a dual-tree descent over two swept sequences.
 
-With two robots the conflicts that matter form a staircase: for each node the last node of the
-other robot before it that comes too close, unless an earlier node waits for as much already.
-Blocks are pruned when their volumes are apart, when nothing in them is at stake (outside the
-window from ``floor`` to ``limit``), and, as edges are found, when these imply the rest. Below
-the leaves separating planes dismiss pairs of bodies, for ever shorter stretches of both motions;
-convex hulls decide on single segments.
+Of the conflicts of two robots only some need edges: for each node the last earlier node of the other robot
+that comes too close, unless a preceding node waits for it already. Blocks are pruned when their volumes are
+apart, when they are outside the window from ``floor`` to ``limit``, and when edges found so far imply their
+conflicts. Below the leaves, pairs of bodies are excluded by separating planes, over shorter and shorter
+stretches of both motions; on single segments convex hull distances decide.
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.swept_sequence import SweptSequence
 
 _MOST_HITS = 32768
+"""Most conflicts that are found before they are passed on."""
 
 
 def hulls_conflict(
@@ -40,8 +40,8 @@ def hulls_conflict(
     Args:
         a, s: an occupancy and a segment of it.
         b, t: another robot's occupancy and a segment of it.
-        descent: what proposed their bodies.
-        proposed: the pairs of bodies.
+        descent: the descent that found the pairs of bodies.
+        proposed: the pairs of bodies, as a slice of its lists.
     """
     table, robots = descent.table, descent.table.robots
     a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]
@@ -82,7 +82,7 @@ def search_conflicts(
     Args:
         a: occupancy of the nodes v.
         b: occupancy of the nodes u.
-        floor: last u implied for each v already, never falling; raised here.
+        floor: last u implied for each v so far, non-decreasing; raised here.
         limit: first u outside the query, for each v, non-decreasing.
         table: allowed contacts and clearances.
         slack: subtracted from the clearances [m].
@@ -90,7 +90,7 @@ def search_conflicts(
     if are_apart_everywhere(a.sequence, b.sequence, table.gap):
         return
     depth = 1
-    # A caller of the first conflict only does not wait for more.
+    # Begin with room for one: a caller may need the first conflict only.
     hits = np.empty((1, 2), dtype=np.int64)
     sequences = a.sequence, b.sequence
     with start_descent(*sequences, table, floor, limit, slack) as descent:
@@ -129,18 +129,18 @@ def next_proposal(
 ) -> tuple[int, int, int, int, int, int]:
     """Continue a descent up to the next pair of segments that needs an exact decision.
 
-    What is proved to conflict is noted in ``hits``.
+    Conflicts that are proved on the way are written into ``hits``.
 
     Args:
-        descent: how far it has come.
-        depth: filled rows of its stack.
-        hits: receives nodes (v, u) in conflict, shape (room, 2), room for one at least.
+        descent: state of the descent.
+        depth: number of filled rows of its stack.
+        hits: receives nodes (v, u) in conflict, shape (room, 2), with at least one row.
 
     Returns:
-        The new depth, the two segments, where in ``descent.room.pairs`` the close pairs of bodies
-        begin and how many they are, 0 when there is nothing to decide, and the number of
-        hits. The descent is over when the new depth is 0 and nothing is to be decided; it
-        stops early when ``hits`` is full.
+        The new depth, the two segments, the first row of ``descent.room.pairs`` with the close
+        pairs of bodies, the number of these rows (0 when there is nothing to decide), and the
+        number of hits. The descent is over when the new depth is 0 and there is nothing to
+        decide; it stops early when ``hits`` is full.
     """
     a, b, floor, limit = descent.a, descent.b, descent.floor, descent.limit
     found = ZERO
@@ -207,7 +207,7 @@ def next_proposal(
 
 @kernel
 def are_apart_everywhere(a: SweptSequence, b: SweptSequence, gap: float) -> bool:
-    """Tell whether even the bounding volumes of two whole occupancies are apart."""
+    """Tell whether the bounding volumes of two whole occupancies are apart."""
     pairs = np.empty((1, 2), dtype=np.int64)
     return close_blocks(a, ZERO, b, ZERO, gap, ZERO > 0, pairs) == 0
 
@@ -230,7 +230,7 @@ def close_blocks(
     every: bool,
     out: Indices,
 ) -> int:
-    """Write the pairs of bodies of two blocks whose capsules come too close.
+    """Write the pairs of bodies of two blocks whose capsules are too close, into ``out``.
 
     Returns:
         Their number; with ``every`` unset, 1 as soon as there is one.

@@ -1,10 +1,10 @@
-"""A temporal plan graph with cached derived data, and the occupancies and conflicts of its stretches.
+"""A temporal plan graph with cached derived data, and the occupancies of its parts and their conflicts.
 
-The order of the nodes, the entities and their allowed contacts, where objects are, and what
-everything occupies are obtained from one ``DerivedTpg`` while edges are drawn, proved and changed.
+``DerivedTpg`` has the order of the nodes, the entities and their allowed contacts, the places of objects,
+and all occupancies. It is used wherever edges are added, proved or changed.
 
-A stretch is some nodes of a chain, some holds of it, or an object at rest. Whether two of them
-conflict depends on their content and their allowed contacts, not on the graph.
+An ``Occupant`` is something that takes up space: some nodes of a chain, some holds of a robot, or an object
+at rest. Whether two of them conflict depends on their content and their allowed contacts, not on the edges.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ from scheduling.graph.total_order import (
     transitive_reduction,
 )
 
-_KEPT_ANSWERS = 100_000
-"""Answers that are kept."""
+_MOST_CACHED = 100_000
+"""Most results of conflict searches that are cached."""
 
 Window = tuple[Indices, Indices]
 """Nodes of a query: above the floor and below the limit, see ``search_conflicts``."""
@@ -188,13 +188,13 @@ class DerivedTpg:
 
 
 @dataclass
-class GraphStretch:
-    """Part of a graph with a swept volume.
+class Occupant:
+    """Something that takes up space: nodes or holds of a robot, or an object at rest.
 
     Attributes:
-        nodes: how many nodes of its own it has.
-        tasks: that it is part of, in order; None for what is part of all, an object at rest.
-        parts: returns its content except its tasks.
+        nodes: number of nodes or holds, 1 for an object at rest.
+        tasks: that its nodes belong to, in order; None for an object at rest, to which contacts of all tasks apply.
+        parts: returns its content except its tasks, as bytes.
         make: returns its occupancy.
     """
 
@@ -217,26 +217,26 @@ class GraphStretch:
         return digest.digest()
 
 
-def nodes_stretch(
+def occupant_of_nodes(
     graph: DerivedTpg,
     chain: int,
     first: int,
     stop: int,
     nodes: NodeChain | None = None,
-) -> GraphStretch:
-    """Return some nodes of a chain as a stretch, numbered from 0.
+) -> Occupant:
+    """Return some nodes of a chain as an occupant, numbered from 0.
 
     Args:
         graph: the graph.
         chain: the chain.
         first, stop: its nodes ``range(first, stop)``.
-        nodes: others that take their place, and carry what they carry.
+        nodes: other nodes in their place, which carry the same objects.
     """
     own = nodes or graph.tpg.chains[chain].cut(first, stop)
     tasks = tuple(dict.fromkeys(own.task.tolist()))
 
     spans = graph.spans_within(chain, first, stop)
-    # The graph itself is not kept: a stretch outlives it, and there is one for every change.
+    # No reference to the graph: an occupant outlives it, and every change makes another graph.
     cell, entities, off = graph.tpg.cell, graph.entities, graph.deviations
 
     def parts() -> Iterable[bytes]:
@@ -255,11 +255,11 @@ def nodes_stretch(
     def make() -> Occupancy:
         return chain_occupancy(cell, own, spans, entities, off)
 
-    return GraphStretch(len(own), tasks, parts, make)
+    return Occupant(len(own), tasks, parts, make)
 
 
-def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> GraphStretch:
-    """Return some holds of a robot as a stretch, see ``hold_occupancy``."""
+def occupant_of_holds(graph: DerivedTpg, chain: int, holds: Indices) -> Occupant:
+    """Return some holds of a robot as an occupant, see ``hold_occupancy``."""
     nodes, last = graph.tpg.chains[chain], len(graph.tpg.chains[chain]) - 1
     adjacent = np.clip(np.stack([holds - 1, holds], axis=1), 0, last)
     around = nodes.task[adjacent].ravel().tolist()
@@ -281,18 +281,18 @@ def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> GraphStretch
         cell, spans = graph.tpg.cell, graph.spans[chain]
         return hold_occupancy(cell, nodes, holds, spans, graph.entities)
 
-    return GraphStretch(len(holds), tasks, parts, make)
+    return Occupant(len(holds), tasks, parts, make)
 
 
-def rest_stretch(graph: DerivedTpg, rest: Rest) -> GraphStretch:
-    """Return an object at rest as a stretch."""
+def occupant_of_rest(graph: DerivedTpg, rest: Rest) -> Occupant:
+    """Return an object at rest as an occupant."""
     cell, holder = graph.tpg.cell, None
     parts = [b"rest", rest.object.encode(), rest.pose.tobytes()]
     if rest.holder is not None:
         holder = cell.robot(graph.tpg.chains[rest.holder].robot)
         if holder.base_error:
             parts.append(holder.name.encode())
-    return GraphStretch(
+    return Occupant(
         1,
         None,
         lambda: parts,
@@ -300,9 +300,9 @@ def rest_stretch(graph: DerivedTpg, rest: Rest) -> GraphStretch:
     )
 
 
-def standing_stretch(graph: DerivedTpg, robot: PlacedRobot) -> GraphStretch:
-    """Return a robot without nodes, standing at HOME, as a stretch."""
-    return GraphStretch(
+def occupant_of_standing_robot(graph: DerivedTpg, robot: PlacedRobot) -> Occupant:
+    """Return a robot without nodes, standing at HOME, as an occupant."""
+    return Occupant(
         1,
         None,
         lambda: [b"stand", robot.name.encode()],
@@ -310,24 +310,24 @@ def standing_stretch(graph: DerivedTpg, robot: PlacedRobot) -> GraphStretch:
     )
 
 
-class StretchConflicts:
-    """Conflicts of stretches, searched on request.
+class OccupantConflicts:
+    """Conflicts of occupants, searched on request.
 
     Args:
-        kept: whether they are remembered, from one graph of a cell to the next.
+        kept: whether results are cached, also for other graphs of the same cell.
     """
 
     def __init__(self, *, kept: bool = False) -> None:
         self._kept = kept
         self._found: BoundedCache[Sequence[tuple[int, int]]] = BoundedCache(
-            _KEPT_ANSWERS
+            _MOST_CACHED
         )
-        self._clear: BoundedCache[bool] = BoundedCache(_KEPT_ANSWERS)
+        self._clear: BoundedCache[bool] = BoundedCache(_MOST_CACHED)
         self._allowed: tuple[AllowedContact, ...] = ()
         self._of_task: dict[int, set[int]] = {}
 
     def search(
-        self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch, window: Window
+        self, graph: DerivedTpg, a: Occupant, b: Occupant, window: Window
     ) -> Sequence[tuple[int, int]]:
         """Return conflicts (v, u) that imply all others, see ``search_conflicts``."""
 
@@ -337,11 +337,11 @@ class StretchConflicts:
 
         if not self._kept:
             return find()
-        question = self._question(graph, a, b, window)
-        return () if question is None else self._found.get(question, find)
+        key = self._query_key(graph, a, b, window)
+        return () if key is None else self._found.get(key, find)
 
     def are_clear(
-        self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch, window: Window
+        self, graph: DerivedTpg, a: Occupant, b: Occupant, window: Window
     ) -> bool:
         """Tell whether none of the queried nodes conflict, see ``search_conflicts``."""
 
@@ -351,11 +351,11 @@ class StretchConflicts:
 
         if not self._kept:
             return find()
-        question = self._question(graph, a, b, window)
-        return question is None or self._clear.get(question, find)
+        key = self._query_key(graph, a, b, window)
+        return key is None or self._clear.get(key, find)
 
-    def _question(
-        self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch, window: Window
+    def _query_key(
+        self, graph: DerivedTpg, a: Occupant, b: Occupant, window: Window
     ) -> bytes | None:
         """Return the cache key of a query, None where it has no nodes."""
         floor, limit = np.maximum(window[0], -1), np.minimum(window[1], b.nodes)
@@ -368,8 +368,8 @@ class StretchConflicts:
         digest.update(self._contacts(graph, a, b))
         return digest.digest()
 
-    def _contacts(self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch) -> bytes:
-        """Return the allowed contacts of two stretches, by their tasks."""
+    def _contacts(self, graph: DerivedTpg, a: Occupant, b: Occupant) -> bytes:
+        """Return the allowed contacts of two occupants, by their tasks."""
         allowed = graph.tpg.allowed
         if allowed is not self._allowed:
             self._allowed, self._of_task = allowed, defaultdict(set)
@@ -395,6 +395,6 @@ class StretchConflicts:
         return set[int]().union(*(self._of_task.get(task, ()) for task in tasks))
 
 
-def _listed(contact: AllowedContact, stretch: GraphStretch) -> tuple[bool, ...]:
-    """Return for each task of a stretch whether a contact is allowed in it."""
-    return tuple(task in contact.tasks for task in stretch.tasks or ())
+def _listed(contact: AllowedContact, occupant: Occupant) -> tuple[bool, ...]:
+    """Return for each task of an occupant whether a contact is allowed in it."""
+    return tuple(task in contact.tasks for task in occupant.tasks or ())

@@ -1,8 +1,8 @@
 """Histories of handled objects by node: carried, at rest within a node, or between nodes.
 
-Objects follow their handlings in planned order; one that comes up later is nowhere before its
-first, which lets it rest where it is. An object that a robot takes over from another
-waits in the standing receiver's hand until the receiver's next node, which then carries it.
+Histories follow from the handlings in planned order. An object that appears later, such as a further brick
+of a feeding station, is absent before its first handling, which places it. After a handover the standing
+receiver holds the object until its next node, which then carries it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Moment = tuple[int, int]
 """A node, and a waypoint of it: 0 = when it starts, k = at its k-th waypoint."""
 
 _BEFORE: Moment = (-1, 0)
-"""Before the first node, so that it is in the hand of a robot that stands at its start."""
+"""Before the first node: an object is held by a robot that stands at its start."""
 
 Node = tuple[int, int]
 """A chain, and a node of it."""
@@ -36,9 +36,9 @@ class ObjectSpan:
     Attributes:
         object: its name.
         robot: index of the chain.
-        start, end: from which moment on, and until which.
+        start, end: first and last moment.
         carried: True when it moves with the flange, False when it rests in the world.
-        pose: of its centre in the flange frame, or in the world.
+        pose: pose of its centre in the flange frame, or in the world.
     """
 
     object: str
@@ -51,14 +51,14 @@ class ObjectSpan:
 
 @dataclass(frozen=True)
 class Rest:
-    """An interval between two nodes in which an object is at rest, or in the hand of a standing robot.
+    """An interval between two nodes in which an object is at rest, or held by a standing robot.
 
     Attributes:
         object: its name.
-        after: node that leaves it there, None from the start on.
-        before: node that takes it away, None to the end.
-        pose: of its centre in the world.
-        holder: chain of the robot that stands with it in its hand, None when it lies.
+        after: node that puts it there, None from the start on.
+        before: node that takes it away, None until the end.
+        pose: pose of its centre in the world.
+        holder: chain of the standing robot that holds it, None at rest.
         stood: last node of that robot before it stands, None when it stands from the start.
     """
 
@@ -82,7 +82,7 @@ def trace_objects(tpg: TemporalPlanGraph, ranks: Sequence[Indices]) -> ObjectHis
     """Return the history of every handled object.
 
     Args:
-        tpg: the graph; its edges are not looked at.
+        tpg: the graph; its edges are not used.
         ranks: place of every node in the total order.
 
     Raises:

@@ -1,11 +1,12 @@
 """Occupancy of nodes: swept volume of robot, tool and handled objects, segment by segment.
 
-Every node is cut into straight joint-space segments short enough that no point of the robot
-moves further than MOTION in one. What is proved of a segment holds for the whole motion within
-it: nothing between two samples goes unseen.
+Every node is cut into straight joint-space segments, in each of which no point of the robot moves
+further than ``MOTION``. The swept volume of a segment contains the whole continuous motion, so no
+collision is missed between samples.
 
-An object that a node picks up or puts down is part of the whole node's occupancy: resting before
-or after, carried in between. So what conflicts with the resting object conflicts with that node.
+An object that a node picks up or puts down belongs to the occupancy of the whole node: at rest before
+the pick or after the placement, and carried in between. So a conflict with the object at rest is a
+conflict with that node.
 """
 
 from __future__ import annotations
@@ -33,16 +34,16 @@ from scheduling.conflicts.swept_sequence import LEAF, SweptSequence, swept_seque
 from scheduling.graph.temporal_plan_graph import NodeChain
 
 MOTION = 0.02
-"""Bound of the motion of any point within one segment [m]."""
+"""Largest displacement of any point of the robot within one segment [m]."""
 
 _NO_TASK = np.full(1, ALWAYS, dtype=np.int64)
-"""Tasks of a single segment that is no robot's node."""
+"""Tasks of a single segment that belongs to no node."""
 
 _Run = tuple[ObjectSpan, int, int]
-"""An object, and the segments, ``range(first, stop)``, in which it is there."""
+"""An object, and the segments, ``range(first, stop)``, in which it is present."""
 
 _PieceRun = tuple[ConvexBody, ObjectSpan, int, int]
-"""A convex piece of an object, and the same."""
+"""A convex piece of an object, the object, and the segments in which it is present."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def _cut_into_segments(
     Args:
         robot: the robot.
         chain: its nodes.
-        held: objects that count too, with their poses in the flange frame.
+        held: objects that move with the robot, with their poses in the flange frame.
 
     Returns:
         Segment ends, shape (s, n) each; the node of each segment; and the waypoint within its
@@ -88,29 +89,29 @@ def _cut_into_segments(
     q_a = np.vstack([chain.start[None], q_b[:-1]])
     node = np.repeat(np.arange(len(chain)), np.diff(chain.first)).astype(np.int64)
     waypoint = np.arange(len(q_b)) - chain.first[node] + 1
-    hulls = _with_ball(robot, held)
+    hulls = _with_load_sphere(robot, held)
     while True:
         travel = bound_travel(hulls, q_a, q_b)
         pieces = np.ceil(travel / MOTION).astype(np.int64)
         if np.max(pieces, initial=0) <= 1:
             return q_a, q_b, node, waypoint
-        # The bound grows faster than the motion, so what was cut is measured again.
+        # The bound of a part is not proportional to its length, so the parts are measured again.
         np.maximum(pieces, 1, out=pieces)
         of = np.repeat(np.arange(len(pieces)), pieces)
         k = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
         step = (q_b - q_a)[of] / pieces[of, None]
         cut_a = q_a[of] + k[:, None] * step
         q_b = np.where((k + 1 == pieces[of])[:, None], q_b[of], cut_a + step)
-        # The end of a piece is the start of the next one, to the last bit.
+        # The end of a part and the start of the next one are bitwise equal.
         inner = np.flatnonzero(k > 0)
         cut_a[inner] = q_b[inner - 1]
         q_a, node, waypoint = cut_a, node[of], waypoint[of]
 
 
-def _with_ball(
+def _with_load_sphere(
     robot: PlacedRobot, held: Sequence[tuple[Shape, Transform]]
 ) -> HullTable:
-    """Return a robot's bodies, and a ball that contains everything it ever holds."""
+    """Return a robot's bodies, and a sphere that contains everything it ever holds."""
     hulls = robot_bodies(robot).hulls
     if not held:
         return hulls
@@ -124,7 +125,7 @@ def _with_ball(
     low = (ends - radius[:, None, None]).min(axis=(0, 1))
     high = (ends + radius[:, None, None]).max(axis=(0, 1))
     centre = 0.5 * (low + high)
-    with_ball = hulls._replace(
+    with_sphere = hulls._replace(
         joint=np.append(hulls.joint, robot.model.dof - 1),
         corner_first=np.append(hulls.corner_first, hulls.corner_first[-1]),
         capsule_first=np.append(hulls.capsule_first, hulls.capsule_first[-1] + 1),
@@ -132,7 +133,7 @@ def _with_ball(
         radius=np.append(hulls.radius, 0.5 * np.linalg.norm(high - low)),
         deviates=np.append(hulls.deviates, 0.0),
     )
-    return packed(with_ball)
+    return packed(with_sphere)
 
 
 class _Segments(NamedTuple):
@@ -198,7 +199,7 @@ def hold_occupancy(
     Args:
         cell: the static cell.
         chain: the robot's nodes.
-        holds: which ones, rising, at least one: hold k is before node k, the last one after
+        holds: their numbers, ascending, at least one: hold k is before node k, the last one after
             the last node.
         spans: the objects of this chain.
         entities: numbers of the entities.
@@ -208,7 +209,7 @@ def hold_occupancy(
     runs: list[_Run] = []
     for span in spans:
         if span.carried:
-            # In the hand before node k: taken within an earlier node, given away in k or later.
+            # Held before node k: taken in an earlier node, given away in k or later.
             first, stop = np.searchsorted(holds, [span.start[0] + 1, span.end[0] + 1])
             if first < stop:
                 runs.append((span, int(first), int(stop)))
@@ -234,11 +235,11 @@ def rest_occupancy(
     entities: Mapping[str, int],
     holder: PlacedRobot | None = None,
 ) -> Occupancy:
-    """Return the occupancy of an object at rest, or in the hand of a standing robot."""
+    """Return the occupancy of an object at rest, or held by a standing robot."""
     pieces = cell.object(rest.object).shape.pieces
     solids = tuple(resting_solid(rest.object, body, rest.pose) for body in pieces)
     hulls = standing_hulls(solids)
-    if holder is not None and holder.base_error:  # it is off as the robot is
+    if holder is not None and holder.base_error:  # it is displaced as the robot is
         base = standing_at(empty_chain_table(), holder.base, holder.base_error)
         local = inverse(holder.base) @ rest.pose
         solids = tuple(Solid(rest.object, body, local, base) for body in pieces)
@@ -256,7 +257,7 @@ def _segments_of(
     leads_to = node * room + waypoint
     (a, wa), (b, wb) = span.start, span.end
     if not span.carried and (a, wa) == (b, wb):
-        # At rest up to a node's start, or from its end on: one waypoint's worth of it.
+        # At rest until a node's start, or from its end on: present up to the next waypoint, or from the last.
         if wa == 0:
             wb = 1
         else:
@@ -278,7 +279,8 @@ def _assemble(
 ) -> Occupancy:
     """Collect the bodies of the robot and, in slots, the pieces of objects in each run.
 
-    Where the robot deviates, in segments ``range(first, stop)``, what moves with it is that much thicker.
+    Where the robot deviates, in segments ``range(first, stop)``, the bodies that move with it are enlarged
+    by a bound on the error.
     """
     joints, own = placed_joints(robot), robot_bodies(robot)
     solids = list(own.solids)

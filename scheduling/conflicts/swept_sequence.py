@@ -2,8 +2,8 @@
 
 A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The capsules of a
 leaf are placed at the middle of its joint ranges, and enlarged by a rigorous bound on the displacement from
-there; those of a larger block are those of one of its halves, enlarged until they contain the other's.
-Capsules of single segments are not stored: their hulls decide better.
+there. A larger block takes the capsules of one of its halves, enlarged until they contain the capsules of the
+other half. Single segments have no stored capsules: tests of their convex hulls are sharper.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 LEAF = 4
-"""Segments in a block that is not split any further."""
+"""Maximum number of segments in a leaf."""
 
 INACTIVE = -1.0
-"""Radius of a capsule that is not there."""
+"""Radius that marks an unused capsule."""
 
-_ROUNDED_OFF = 3e-7
-"""More than single precision rounds off a place and a radius, for each metre they are long."""
+_ROUNDING = 3e-7
+"""Upper bound on the relative rounding error of positions and radii in single precision."""
 
 
 class SweptSequence(NamedTuple):
@@ -44,15 +44,15 @@ class SweptSequence(NamedTuple):
 
     Attributes:
         hulls: the bodies in motion.
-        node: node of each segment, never falling, shape (s,).
-        task, other_task: tasks of each segment, see ``is_contact_allowed``, never falling, shape (s,).
+        node: node of each segment, non-decreasing, shape (s,).
+        task, other_task: tasks of each segment, see ``is_contact_allowed``, non-decreasing, shape (s,).
         entity: entity of each body, -1 where there is none, shape (s, bodies).
         column: where the capsules of each body begin, shape (bodies + 1,).
         block_first, block_last: segments of each block, ``range(first, last)``, shape (b,).
         block_box: least and greatest corner of each block, shape (b, 6) [m].
         capsules: of the blocks: both ends in the world and the radius, INACTIVE where there is
-            none, shape (b, c, 7) [m]. In single precision, and grown by what that rounds off:
-            the memory they take is most of what it costs to make them.
+            none, shape (b, c, 7) [m]. In single precision to save memory, and enlarged by its
+            rounding error.
     """
 
     hulls: HullTable
@@ -81,7 +81,7 @@ def swept_sequence(
     Args:
         node, task, other_task, entity: see SweptSequence.
         hulls: the bodies in motion.
-        leaf: most segments in a leaf, up to LEAF; 1 where they have nothing in common.
+        leaf: maximum number of segments in a leaf, up to LEAF; 1 for unrelated segments.
     """
     leaves = -(-len(node) // leaf)
     blocks = 2 * leaves - 1
@@ -98,7 +98,7 @@ def swept_sequence(
             np.zeros(blocks, dtype=np.int64),
             np.zeros(blocks, dtype=np.int64),
             np.empty((blocks, 6)),
-            # Nothing is written yet: once is enough for so much memory.
+            # Left uninitialized: writing so much memory twice would cost time.
             np.empty((blocks, int(column[-1]), 7), dtype=np.float32),
         )
     )
@@ -189,14 +189,14 @@ def _write_capsule(
     for k in range(3):
         out[c, k], out[c, k + 3] = start[k], end[k]
         far = max(far, max(abs(start[k]), abs(end[k])))
-    out[c, 6] = radius + _ROUNDED_OFF * far
+    out[c, 6] = radius + _ROUNDING * far
 
 
 @inner_kernel
 def _bound_both(
     capsules: npt.NDArray[np.float32], block: int, left: int, right: int
 ) -> None:
-    """Write capsules that contain those of two blocks: those of one of them, enlarged."""
+    """Write capsules that contain those of two blocks, by enlarging the capsules of one of them."""
     one, two, out = capsules[left], capsules[right], capsules[block]
     for c in range(len(out)):
         r, s = float(one[c, 6]), float(two[c, 6])
@@ -212,7 +212,7 @@ def _bound_both(
                 b2 += db * db
             apart = np.sqrt(max(a2, b2))
             chosen = one if s <= r else two
-            grown = max(max(r, s), apart + min(r, s)) * (1.0 + _ROUNDED_OFF)
+            grown = max(max(r, s), apart + min(r, s)) * (1.0 + _ROUNDING)
         for k in range(6):
             out[c, k] = chosen[c, k]
         out[c, 6] = grown

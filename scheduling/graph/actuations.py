@@ -10,14 +10,17 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 
 def actuation_nodes(tpg: TemporalPlanGraph) -> list[dict[int, Actuation]]:
-    """Return the actuations by node, chain by chain; of a contracted graph only nodes of their own."""
+    """Return the actuations of each chain by node.
+
+    In a contracted graph, actuations within joined nodes are left out.
+    """
     return [chain_actuations(tpg, k) for k in range(len(tpg.chains))]
 
 
 def chain_actuations(tpg: TemporalPlanGraph, index: int) -> dict[int, Actuation]:
     """Return the actuations of a chain by node.
 
-    It is the node whose one waypoint is that at which the task says that it is over.
+    An actuation is done in the node that has a single waypoint, the one at which the task says that it ends.
     """
     chain, found = tpg.chains[index], dict[int, Actuation]()
     for nodes in task_nodes([chain])[0]:

@@ -59,7 +59,7 @@ def dependency_edges(tpg: TemporalPlanGraph) -> Indices:
     then may start. A task without nodes passes on what it waits for.
 
     Args:
-        tpg: its nodes, tasks and dependencies; its edges are not looked at.
+        tpg: its nodes, tasks and dependencies; its edges are ignored.
 
     Raises:
         PlanInvariantError: a dependency goes against the plan's own order within a robot, or

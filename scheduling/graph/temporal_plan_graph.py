@@ -184,7 +184,7 @@ class NodeChain:
         fraction: share of its node's duration that has passed at each waypoint, shape (p,),
             rising to 1 at a node's last waypoint.
         first: shape (nodes + 1,).
-        task: task index of each node, shape (nodes,), never falling.
+        task: task index of each node, shape (nodes,), non-decreasing.
         skill: True for skill nodes, shape (nodes,).
         duration: nominal duration of each node, shape (nodes,) [s].
         planned_start: start of each node in the input plan, shape (nodes,) [s].

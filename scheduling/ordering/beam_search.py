@@ -20,15 +20,14 @@ from planning.tasks.task import TimeWindow
 from planning.transforms import Array
 from scheduling.ordering.relations import TaskRelations
 
-_WAITING = 0.1
+_WAIT_WEIGHT = 0.1
 """Weight of a second of waiting against a second of makespan when orders are compared."""
 
-
-_BROKEN = 1e4
-"""Weight of a second by which a window of time is broken: whatever it costs."""
+_LATE_WEIGHT = 1e4
+"""Weight of a second by which a step is later than its time window allows: it outweighs any makespan."""
 
 BLOCK_GAP_S = 1e-6
-"""Planned time between blocks [s]: the order is that of planned starts."""
+"""Planned time between blocks [s], so that planned starts have the order of the blocks."""
 
 
 class _DoneUnit(NamedTuple):
@@ -56,10 +55,10 @@ class TaskOrderPath:
     Attributes:
         counts: how many units each chain has completed.
         done: the last completed unit of each chain.
-        clocks: when that ends [s].
-        waited: of all robots together [s].
-        late: by how much windows of time are broken, all together [s].
-        rating: what is compared.
+        clocks: when that unit ends, for each chain [s].
+        waited: total wait time of all robots [s].
+        late: total time by which steps are later than their time windows allow [s].
+        rating: lower bound of the makespan, plus weighted waits and lateness; lower is better.
         move: block of units that was completed last.
         parent: the path before it.
     """
@@ -86,8 +85,8 @@ class TaskOrderPath:
 class TaskOrderSearch:
     """Searches for a better order of blocks.
 
-    A block is a unit, or several units of different robots that conflict while simultaneous, and so stay as
-    they are.
+    A unit is a task with nodes, see ``TaskRelations``. A block is a unit, or several units of different robots
+    that move simultaneously although they conflict, and therefore keep their planned offsets.
 
     Args:
         relations: of the units.
@@ -212,7 +211,7 @@ class TaskOrderSearch:
             tuple(clocks),
             waited,
             late,
-            bound + _WAITING * waited + _BROKEN * late,
+            bound + _WAIT_WEIGHT * waited + _LATE_WEIGHT * late,
             block,
             state,
         )
@@ -245,7 +244,7 @@ class TaskOrderSearch:
         if count == planned:
             return True
         own = relations.of_chain[chain]
-        # Done now, but planned for later: what they leave behind may be in the way.
+        # Done earlier than planned: objects that they put down may be in the way.
         sooner = [r for w in own[planned:count] for r in relations.left_by[w]]
         later = [r for w in own[count:planned] for r in relations.taken_by[w]]
         return all(
@@ -253,7 +252,7 @@ class TaskOrderSearch:
         ) and relations.stands_clear(chain, count, unit)
 
     def _rest_clear(self, number: int, state: TaskOrderPath, unit: int) -> bool:
-        """Tell whether an object is not at rest in the current state, or clear of a unit."""
+        """Tell whether a unit is clear of a rest of an object, or the object does not rest there in this state."""
         relations = self._relations
         rest = relations.graph.history.rests[number]
         if rest.after is not None:
@@ -283,6 +282,7 @@ class TaskOrderSearch:
         return found
 
     def _ends_alone(self, state: TaskOrderPath, unit: int) -> Array:
+        """Return the end times of the nodes of a unit that moves as soon as it may [s]."""
         cum = self._cum[unit]
         now = state.clocks[self._units[unit].chain]
         ready = self._ready(state, unit)
@@ -321,7 +321,7 @@ class TaskOrderSearch:
         return found
 
     def _tails(self) -> list[float]:
-        """Return the longest path from the start of each unit to the end, by dependencies."""
+        """Return the longest time from the start of each unit to the end of all, by dependencies [s]."""
         tail = [0.0] * len(self._units)
         after: list[list[int]] = [[] for _ in tail]
         for own in self._relations.of_chain:

@@ -18,7 +18,7 @@ from planning.motion.sequential import MARGIN
 from planning.transforms import Array
 from scheduling.conflicts.allowed_contacts import contact_table
 from scheduling.conflicts.conflict_search import first_conflict
-from scheduling.conflicts.derived_tpg import DerivedTpg, GraphStretch
+from scheduling.conflicts.derived_tpg import DerivedTpg, Occupant
 from scheduling.conflicts.object_spans import ObjectSpan
 from scheduling.conflicts.occupancy import chain_occupancy
 from scheduling.graph.task_edges import TaskNodes
@@ -40,7 +40,7 @@ class ConcurrentSkillChecker:
         checker: CompositeChecker,
         graph: DerivedTpg,
         transits: Mapping[str, TaskNodes],
-        skills: Sequence[GraphStretch],
+        skills: Sequence[Occupant],
     ) -> None:
         self.speed = checker.speed
         self._checker, self._graph, self._transits = checker, graph, transits

@@ -26,7 +26,7 @@ def connect_in_order(
     relations: TaskRelations,
     order: Sequence[tuple[int, ...]],
 ) -> TemporalPlanGraph:
-    """Return the graph that ``connect_nodes`` makes of some chains, unchecked.
+    """Return the graph that ``connect_nodes`` would make of some chains, without a check of its invariant.
 
     Args:
         chains: with planned starts in that order, see ``put_in_order``.
@@ -34,7 +34,7 @@ def connect_in_order(
         order: blocks of units, one after another.
 
     Raises:
-        PlanInvariantError: units that move simultaneously get into each other's way.
+        PlanInvariantError: units that move simultaneously conflict.
     """
     tpg = replace(relations.graph.tpg, chains=tuple(chains))
     if any(len(block) > 1 for block in order):
@@ -50,7 +50,7 @@ def connect_in_order(
 def _motion_edges(
     relations: TaskRelations, tasks: Indices, order: Sequence[int]
 ) -> Indices:
-    """Return edges that imply all conflicts of units, given those of tasks."""
+    """Return edges for the conflicts between units, except those that task dependencies imply already."""
     units, chains = relations.units, range(len(relations.of_chain))
     needs: dict[int, list[int]] = defaultdict(list)
     for i, u, k, v in tasks.tolist():

@@ -16,7 +16,7 @@ from planning.motion.sequential import MotionSettings, plan_motions_sequentially
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan
 from scheduling.build_nodes import build_nodes
-from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts
+from scheduling.conflicts.derived_tpg import DerivedTpg, OccupantConflicts
 from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.known_edges import connect_in_order
 from scheduling.ordering.relations import TaskRelations
@@ -66,7 +66,7 @@ class PlanRater:
     ) -> None:
         self._cell, self._settings = cell, settings
         self._shortcuts = shortcuts
-        self._conflicts = StretchConflicts(kept=True)
+        self._conflicts = OccupantConflicts(kept=True)
         self._motions = MotionCache()
         self._smoothed = SmoothedPathCache(settings.seed)
 

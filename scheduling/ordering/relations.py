@@ -1,7 +1,7 @@
 """Conflicts and dependencies between pairs of tasks, whichever of the two comes first.
 
-Tasks with nodes are *units*, numbered robot by robot. A relation holds for the nodes as they are; only the
-interleaving of the robots' tasks is left open. Each relation is searched on first use, and cached.
+Tasks with nodes are *units*, numbered robot by robot. A relation holds for the nodes as they are, however the
+tasks of different robots are interleaved. Each relation is computed on first use, and cached.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import (
     DerivedTpg,
-    GraphStretch,
-    StretchConflicts,
+    Occupant,
+    OccupantConflicts,
     Window,
-    holds_stretch,
-    nodes_stretch,
-    rest_stretch,
-    standing_stretch,
+    occupant_of_holds,
+    occupant_of_nodes,
+    occupant_of_rest,
+    occupant_of_standing_robot,
 )
 from scheduling.conflicts.object_spans import Node, handlings_in_order
 from scheduling.graph.task_edges import dependency_edges, task_nodes
@@ -31,14 +31,14 @@ Stair = tuple[Indices, Indices]
 task that must be complete before it."""
 
 _Key = tuple[object, ...]
-"""Names a unit, a stand, a robot without nodes or an object at rest."""
+"""Key of a unit, a hold of a robot, a robot without nodes, or an object at rest."""
 
 
 class TaskRelations:
     """Relations between the tasks of a graph.
 
     Args:
-        graph: its edges are not looked at.
+        graph: its edges are ignored.
         conflicts: what was found for other graphs of the same cell, and is to be added to; by
             default nothing.
 
@@ -51,7 +51,7 @@ class TaskRelations:
     """
 
     def __init__(
-        self, graph: DerivedTpg, conflicts: StretchConflicts | None = None
+        self, graph: DerivedTpg, conflicts: OccupantConflicts | None = None
     ) -> None:
         self.graph = graph
         by_chain = task_nodes(graph.tpg.chains)
@@ -67,8 +67,8 @@ class TaskRelations:
                 self.left_by[self.unit_of(rest.after)].append(number)
             if rest.before is not None:
                 self.taken_by[self.unit_of(rest.before)].append(number)
-        self._conflicts = conflicts or StretchConflicts()
-        self._things: dict[_Key, GraphStretch] = {}
+        self._conflicts = conflicts or OccupantConflicts()
+        self._occupants: dict[_Key, Occupant] = {}
         self._stairs: dict[tuple[int, int], Stair | None] = {}
         self._clear: dict[tuple[_Key, int], bool] = {}
 
@@ -85,7 +85,7 @@ class TaskRelations:
         with; what follows from the stairs below is left out.
         """
         if (earlier, later) not in self._stairs:
-            a, b = self.stretch(later), self.stretch(earlier)
+            a, b = self.occupant(later), self.occupant(earlier)
             found = self._conflicts.search(self.graph, a, b, _all_nodes(a, b))
             stairs: list[tuple[int, int]] = []
             for v, u in sorted(found):
@@ -98,7 +98,7 @@ class TaskRelations:
     def sweeps_clear(self, first: int, second: int) -> bool:
         """Tell whether two units of different robots are clear of each other at any times."""
         a, b = sorted((first, second))
-        return self._clear_of(("unit", a), lambda: self.stretch(a), b)
+        return self._clear_of(("unit", a), lambda: self.occupant(a), b)
 
     def stands_clear(self, chain: int, done: int, unit: int) -> bool:
         """Tell whether a unit is clear of a robot that has done its first ``done`` units."""
@@ -106,7 +106,7 @@ class TaskRelations:
         hold = self.units[own[done - 1]].stop if done else 0
         return self._clear_of(
             ("hold", chain, hold),
-            lambda: holds_stretch(self.graph, chain, np.array([hold])),
+            lambda: occupant_of_holds(self.graph, chain, np.array([hold])),
             unit,
         )
 
@@ -114,32 +114,35 @@ class TaskRelations:
         """Tell whether a unit is clear of a robot without nodes."""
         placed = self.graph.tpg.cell.robot(robot)
         return self._clear_of(
-            ("idle", robot), lambda: standing_stretch(self.graph, placed), unit
+            ("idle", robot),
+            lambda: occupant_of_standing_robot(self.graph, placed),
+            unit,
         )
 
     def rest_clear(self, number: int, unit: int) -> bool:
         """Tell whether a unit is clear of an object at rest."""
         rest = self.graph.history.rests[number]
         return self._clear_of(
-            ("rest", number), lambda: rest_stretch(self.graph, rest), unit
+            ("rest", number), lambda: occupant_of_rest(self.graph, rest), unit
         )
 
-    def stretch(self, unit: int) -> GraphStretch:
-        """Return a unit as a stretch, its nodes counted from its first one."""
+    def occupant(self, unit: int) -> Occupant:
+        """Return a unit as an occupant, its nodes counted from its first one."""
         u = self.units[unit]
-        return self._thing(
-            ("unit", unit), lambda: nodes_stretch(self.graph, u.chain, u.first, u.stop)
+        return self._cached_occupant(
+            ("unit", unit),
+            lambda: occupant_of_nodes(self.graph, u.chain, u.first, u.stop),
         )
 
-    def _thing(self, key: _Key, make: Callable[[], GraphStretch]) -> GraphStretch:
-        if key not in self._things:
-            self._things[key] = make()
-        return self._things[key]
+    def _cached_occupant(self, key: _Key, make: Callable[[], Occupant]) -> Occupant:
+        if key not in self._occupants:
+            self._occupants[key] = make()
+        return self._occupants[key]
 
-    def _clear_of(self, key: _Key, make: Callable[[], GraphStretch], unit: int) -> bool:
-        """Tell whether a unit is clear of a static stretch with a key, created on first use."""
+    def _clear_of(self, key: _Key, make: Callable[[], Occupant], unit: int) -> bool:
+        """Tell whether a unit is clear of a static occupant with a key, created on first use."""
         if (key, unit) not in self._clear:
-            a, b = self._thing(key, make), self.stretch(unit)
+            a, b = self._cached_occupant(key, make), self.occupant(unit)
             clear = self._conflicts.are_clear(self.graph, a, b, _all_nodes(a, b))
             self._clear[key, unit] = clear
         return self._clear[key, unit]
@@ -164,7 +167,7 @@ class TaskRelations:
         return before
 
 
-def _all_nodes(a: GraphStretch, b: GraphStretch) -> Window:
+def _all_nodes(a: Occupant, b: Occupant) -> Window:
     """Return an unrestricted search window."""
     floor = np.full(a.nodes, -1, dtype=np.int64)
     return floor, np.full(a.nodes, b.nodes, dtype=np.int64)

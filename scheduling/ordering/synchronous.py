@@ -100,7 +100,7 @@ class TaskConflicts:
             checker,
             relations.graph,
             dict(zip(checker.robots, nodes, strict=True)),
-            [relations.stretch(self._unit[t]) for t in skills if t in self._unit],
+            [relations.occupant(self._unit[t]) for t in skills if t in self._unit],
         )
 
     def meets_left_object(self, first: int, task: int) -> bool:

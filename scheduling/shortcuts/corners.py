@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.progress import Progress, no_progress
 from planning.transforms import Array
-from scheduling.conflicts.derived_tpg import DerivedTpg, nodes_stretch
+from scheduling.conflicts.derived_tpg import DerivedTpg, occupant_of_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import (
@@ -161,10 +161,12 @@ class _Rounder:
             if not scene.checker.motion_free(a, b):
                 node = int(np.searchsorted(nodes.first, k, side="right")) - 1
                 return float(found.times[node]), float(found.times[node + 1])
-        stretch = nodes_stretch(graph, swap.chain, swap.first, swap.last + 1, nodes)
-        rivals = Rivals(graph, self._pieces, swap, stretch)
+        occupant = occupant_of_nodes(
+            graph, swap.chain, swap.first, swap.last + 1, nodes
+        )
+        rivals = Rivals(graph, self._pieces, swap, occupant)
         candidate = rewire(graph, swap, nodes, rivals.edges(graph))
-        if not are_standing_robots_clear(candidate, self._pieces, swap, stretch):
+        if not are_standing_robots_clear(candidate, self._pieces, swap, occupant):
             return float(found.times[0]), float(found.times[-1])
         self.graph = candidate
         self._pieces.replace_nodes(swap)

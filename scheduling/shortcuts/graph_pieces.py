@@ -10,9 +10,9 @@ import numpy as np
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import (
     DerivedTpg,
-    GraphStretch,
-    StretchConflicts,
-    nodes_stretch,
+    Occupant,
+    OccupantConflicts,
+    occupant_of_nodes,
 )
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.shortcuts.candidates import TransitSpan
@@ -35,11 +35,11 @@ class GraphPieces:
         self,
         tpg: TemporalPlanGraph,
         spans: Sequence[TransitSpan],
-        conflicts: StretchConflicts | None = None,
+        conflicts: OccupantConflicts | None = None,
     ) -> None:
-        self.conflicts = conflicts or StretchConflicts()
+        self.conflicts = conflicts or OccupantConflicts()
         self._starts: list[Indices] = []
-        self._built: list[list[GraphStretch | None]] = []
+        self._built: list[list[Occupant | None]] = []
         for k, chain in enumerate(tpg.chains):
             cuts = {0, len(chain)}
             for span in spans:
@@ -54,7 +54,7 @@ class GraphPieces:
 
     def between(
         self, graph: DerivedTpg, chain: int, first: int, stop: int
-    ) -> Iterator[tuple[int, GraphStretch]]:
+    ) -> Iterator[tuple[int, Occupant]]:
         """Yield the pieces with nodes in a range, each with its first node.
 
         Args:
@@ -69,7 +69,7 @@ class GraphPieces:
                 return
             built = self._built[chain][piece]
             if built is None:
-                built = nodes_stretch(graph, chain, at, end)
+                built = occupant_of_nodes(graph, chain, at, end)
                 self._built[chain][piece] = built
             yield at, built
 

@@ -13,9 +13,9 @@ import numpy as np
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import (
     DerivedTpg,
-    GraphStretch,
-    holds_stretch,
-    rest_stretch,
+    Occupant,
+    occupant_of_holds,
+    occupant_of_rest,
 )
 from scheduling.conflicts.object_spans import nodes_meeting_rest
 from scheduling.shortcuts.graph_pieces import GraphPieces
@@ -37,7 +37,7 @@ class Rivals:
     """
 
     def __init__(
-        self, graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
+        self, graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: Occupant
     ) -> None:
         self._graph, self._pieces, self._swap, self._new = graph, pieces, swap, new
         chain, first, last = swap.chain, swap.first, swap.last
@@ -105,7 +105,7 @@ class Rivals:
 
 
 def are_standing_robots_clear(
-    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
+    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: Occupant
 ) -> bool:
     """Tell whether new nodes and standing robots are clear of each other, in the new graph.
 
@@ -128,7 +128,7 @@ def are_standing_robots_clear(
 
 
 def _clear_of_stands(
-    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch, other: int
+    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: Occupant, other: int
 ) -> bool:
     """Tell whether new nodes are clear of another robot wherever it stands meanwhile."""
     nodes = np.arange(swap.first, swap.first + swap.count)
@@ -139,7 +139,7 @@ def _clear_of_stands(
         from_here = np.flatnonzero(stands & (after == hold))[0]
         limit = (np.arange(swap.count) >= from_here).astype(np.int64)
         floor = np.full(swap.count, -1)
-        standing = holds_stretch(graph, other, np.array([hold]))
+        standing = occupant_of_holds(graph, other, np.array([hold]))
         if not pieces.conflicts.are_clear(graph, new, standing, (floor, limit)):
             return False
     return True
@@ -161,7 +161,7 @@ def _stand_clear(
     if not np.any(met):
         return True
     first, stop = first[met], stop[met]
-    standing = holds_stretch(graph, chain, holds[met])
+    standing = occupant_of_holds(graph, chain, holds[met])
     return all(
         pieces.conflicts.are_clear(graph, standing, piece, (first - 1 - at, stop - at))
         for at, piece in pieces.between(graph, other, int(first[0]), int(stop[-1]))
@@ -169,7 +169,7 @@ def _stand_clear(
 
 
 def _are_received_objects_clear(
-    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
+    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: Occupant
 ) -> bool:
     """Tell whether new nodes are clear of objects handed to standing robots.
 
@@ -184,7 +184,7 @@ def _are_received_objects_clear(
         if floor + 1 >= limit:
             continue
         window = np.full(1, floor), np.full(1, limit)
-        at_rest = rest_stretch(graph, rest)
+        at_rest = occupant_of_rest(graph, rest)
         if not pieces.conflicts.are_clear(graph, at_rest, new, window):
             return False
     return True

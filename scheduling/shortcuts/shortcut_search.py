@@ -8,7 +8,11 @@ import numpy as np
 
 from planning.motion.speed import SpeedModel, path_duration
 from planning.transforms import Array
-from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts, nodes_stretch
+from scheduling.conflicts.derived_tpg import (
+    DerivedTpg,
+    OccupantConflicts,
+    occupant_of_nodes,
+)
 from scheduling.graph.rollout import latest_ends
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.shortcuts.candidates import (
@@ -82,7 +86,7 @@ class ShortcutSearch:
         *,
         passes: int = _PASSES,
         known: SmoothedPathCache | None = None,
-        conflicts: StretchConflicts | None = None,
+        conflicts: OccupantConflicts | None = None,
     ) -> None:
         self.graph = DerivedTpg(tpg)
         self.spans = find_spans(self.graph)
@@ -255,8 +259,8 @@ class ShortcutSearch:
         if new is None:
             return False
         swap = Swap(index, first, last)
-        stretch = nodes_stretch(graph, index, first, last + 1, new)
-        rivals = Rivals(graph, self._pieces, swap, stretch)
+        occupant = occupant_of_nodes(graph, index, first, last + 1, new)
+        rivals = Rivals(graph, self._pieces, swap, occupant)
         # Elsewhere in the order is worth a search for what may gain much.
         choice = rivals.choice and (self._smoothing or sooner is not None)
         latest = self.makespan + (_LATER if sooner is None else -sooner)
@@ -268,7 +272,7 @@ class ShortcutSearch:
             candidate = rewire(ordered, swap, new, rivals.edges(ordered))
             if self._late(candidate, latest):
                 continue
-            if are_standing_robots_clear(candidate, self._pieces, swap, stretch):
+            if are_standing_robots_clear(candidate, self._pieces, swap, occupant):
                 self._take(candidate, which, swap)
                 return True
         return False

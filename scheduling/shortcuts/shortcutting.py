@@ -19,7 +19,7 @@ import numpy as np
 from planning.motion.speed import SpeedModel
 from planning.progress import Progress, no_progress
 from planning.transforms import Array
-from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts
+from scheduling.conflicts.derived_tpg import DerivedTpg, OccupantConflicts
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts.candidates import CORNER, candidate_path, join_nodes
@@ -219,7 +219,7 @@ def smooth_runs(
     step: float,
     seed: int = 0,
     known: SmoothedPathCache | None = None,
-    conflicts: StretchConflicts | None = None,
+    conflicts: OccupantConflicts | None = None,
 ) -> DerivedTpg:
     """Return a graph with each relevant run smoothed as a whole, once: a quick estimate.
 

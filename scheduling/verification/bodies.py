@@ -34,11 +34,11 @@ class Pieces:
 
     Attributes:
         knots: piece k leads from knot k to knot k + 1, shape (s + 1, n).
-        node: node that moves, or node before which the robot stands; once it is complete the piece
-            is over. The number of nodes for a piece that may last for ever, shape (s,).
+        node: node of the motion, or node before which the robot stands; the piece is over once it is
+            complete. The number of nodes where the robot stands after its last node, shape (s,).
         standing: True where the robot stands, shape (s,).
         since: moment at which the piece begins, as node * room + waypoint, shape (s,).
-        room: see there.
+        room: factor of the node in ``since``.
         tasks: tasks that may allow a contact, shape (s, 2).
     """
 
@@ -55,7 +55,7 @@ class Pieces:
 
     @property
     def keys(self) -> Indices:
-        """Key per piece: one number for a node, and one more for the stand before it."""
+        """Key of each piece: the same for all pieces of a node, another one for the stand before it."""
         return 2 * self.node + self.standing
 
     @property
@@ -69,7 +69,7 @@ class Pieces:
         return self.since + ~self.standing
 
     def moment(self, node: int, waypoint: int) -> int:
-        """Return a moment as one number."""
+        """Return the moment of a waypoint in a node as one number."""
         return node * self.room + waypoint
 
 
@@ -78,9 +78,9 @@ class Body:
     """A part of a robot, or everything that it carries at any time.
 
     Attributes:
-        motions: the part; or what is carried, one after another.
-        which: which of them is there in each piece, -1 for none, shape (s,).
-        load: whether it is carried and no part of the robot.
+        motions: motion of the part; or of the parts of loads, one after another.
+        which: index of the present one in each piece, -1 for none, shape (s,).
+        load: whether it is a load and not a part of the robot.
     """
 
     motions: tuple[Motion, ...]
@@ -96,13 +96,13 @@ class VerifiedRobot:
         placed: the robot.
         robot: its geometry.
         carried: the objects carried by each robot over time.
-        error: of its base, None for the one that the cell gives it.
-        deviations: of its flange by skill, None for those that the cell gives.
+        error: error of its base, None for that of the cell.
+        deviations: deviations of its flange by skill, None for those of the cell.
 
     Attributes:
-        name: of the robot.
-        error: of its base.
-        origin: of its base, shape (3,) [m].
+        name: name of the robot.
+        error: error of its base.
+        origin: origin of its base, shape (3,) [m].
         home: its HOME, shape (n,).
         chain: index of its chain, None if it has no node.
         pieces: its pieces.
@@ -152,7 +152,7 @@ class VerifiedRobot:
 
         self.bodies = [Body((moves(p),), everywhere, False) for p in robot.parts]
         held = [(self._while_held(c), moves(p)) for c, p in loads]
-        while held:  # loads that are not there at once share a body
+        while held:  # loads that are never held at the same time share a body
             taken: list[Motion] = []
             which = np.full(len(self.pieces), -1)
             for inside, motion in held:
@@ -180,7 +180,7 @@ class VerifiedRobot:
         return np.asarray(table[bodies, pieces])
 
     def moment(self, piece: int, body: str) -> Moment:
-        """Return a piece as it is named in a problem."""
+        """Return the description of a piece in a problem."""
         pieces = self.pieces
         node, task = int(pieces.node[piece]), int(pieces.tasks[piece, 1])
         return Moment(self.name, node, task, bool(pieces.standing[piece]), body)
@@ -200,12 +200,12 @@ class StillBodies:
     """All objects and fixtures at rest at any time.
 
     Args:
-        resting: what lies where, and when.
-        robots: in whose hands some of it rests.
+        resting: objects and fixtures at rest, with poses and intervals.
+        robots: standing robots that may hold some of them.
 
     Attributes:
-        resting: the same, as often as it has convex parts.
-        motions: of each part, none.
+        resting: the same, one entry per convex part.
+        motions: of each part, all without displacement.
     """
 
     def __init__(
@@ -227,7 +227,7 @@ class StillBodies:
 
     @cached_property
     def sweeps(self) -> SweepBounds:
-        """Volume of each thing at rest."""
+        """Volume of each convex part at rest."""
         sweeps = SweepBounds.nothing(len(self.resting), 1)
         piece = np.zeros(1, dtype=np.int64)
         for k, motion in enumerate(self.motions):
@@ -236,10 +236,10 @@ class StillBodies:
         return sweeps
 
 
-def _over_before(
+def _nodes_complete_before(
     chain: int | None, robot: VerifiedRobot, precedence: Precedence
 ) -> Indices:
-    """Return, per piece of a robot, the number of first nodes of a chain complete before it."""
+    """Return, per piece of a robot, how many nodes of a chain are complete before it."""
     begin = robot.pieces.begin
     if chain is None or robot.chain is None:
         return np.zeros(len(begin), dtype=np.int64)
@@ -252,10 +252,10 @@ def simultaneous_pieces(
 ) -> tuple[Indices, Indices]:
     """Return, per piece of a robot, the pieces of another that may be simultaneous.
 
-    They follow each other: those from the first number on, up to the second one.
+    Returns the ranges ``range(low, high)`` of their numbers.
     """
-    low = np.searchsorted(b.pieces.node, _over_before(b.chain, a, precedence))
-    past = _over_before(a.chain, b, precedence)
+    low = np.searchsorted(b.pieces.node, _nodes_complete_before(b.chain, a, precedence))
+    past = _nodes_complete_before(a.chain, b, precedence)
     high = np.searchsorted(past, a.pieces.node, side="right")
     return low, np.maximum(low, high)
 
@@ -263,14 +263,15 @@ def simultaneous_pieces(
 def pieces_during(
     robot: VerifiedRobot, resting: list[Resting], precedence: Precedence
 ) -> tuple[Indices, Indices]:
-    """Return, per thing at rest, the pieces of a robot that may happen during its presence."""
+    """Return, per part at rest, the range of pieces of a robot that may be simultaneous with its rest."""
     pieces, chain = robot.pieces, robot.chain
     low = np.zeros(len(resting), dtype=np.int64)
     high = np.full(len(resting), len(pieces))
     if chain is None:
         return low, high
     past = {
-        c: _over_before(c, robot, precedence) for c in range(len(precedence.complete))
+        c: _nodes_complete_before(c, robot, precedence)
+        for c in range(len(precedence.complete))
     }
     for k, rest in enumerate(resting):
         if rest.put is not None:

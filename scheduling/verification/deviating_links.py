@@ -1,8 +1,7 @@
 """Deviation bounds of robot links where the flange is off its reference path in a skill.
 
-To the first order, from pinocchio's joints: the flange is displaced and rotated, joints follow by the least
-change of
-their values, and links by what these do to them. No code is shared with planning.
+First-order bounds, with Jacobians from pinocchio's joint frames: for a displaced and rotated flange the joint
+values change by the least-norm solution, and the links move accordingly. No code is shared with planning.
 """
 
 from __future__ import annotations
@@ -19,11 +18,10 @@ from scheduling.witness.robot import WitnessRobot, inverses
 from scheduling.witness.shapes import farthest_from
 
 _BEYOND = 1.1
-"""What links do is taken to be up to this times the first order: the second one is that small, and so is
-what the Jacobian changes in a piece of motion."""
+"""Safety factor of the first-order bounds, for the second order and for changes of the Jacobian in a piece."""
 
 _LOST = 1e-6
-"""Singular values below this share of the largest are directions in which the joints cannot go."""
+"""Share of the largest singular value below which a direction counts as singular."""
 
 
 def deviating_nodes(

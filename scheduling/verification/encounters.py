@@ -1,6 +1,8 @@
-"""Encounters in a plan: parts of two robots, or of a robot and a resting thing, close at the same time.
+"""Encounters in a plan: a part of a robot near one of another robot, or near an object or fixture at rest.
 
-All proofs about simultaneous pieces obtain them here.
+A *piece* is a short motion of a robot, or its stand between two nodes, see ``bodies``. An encounter lists
+the pairs of pieces that may be simultaneous and in which the two parts come close. The proofs of ``verify``
+and ``survived_errors`` measure distances in these pairs only.
 """
 
 from __future__ import annotations
@@ -29,12 +31,12 @@ from scheduling.witness.sweeps import Close, close_pairs
 
 @dataclass(frozen=True)
 class Side:
-    """One side of an encounter: a robot part or its load, or a thing at rest.
+    """One side of an encounter: a part of a robot, its load, or an object or fixture at rest.
 
     Attributes:
-        motion: of the part.
-        robot: whose; None for what lies.
-        tasks: in which it lies there, None for all.
+        motion: motion of the part.
+        robot: robot that moves it; None at rest.
+        tasks: tasks during which an object is at rest there, None for all.
     """
 
     motion: Motion
@@ -43,13 +45,13 @@ class Side:
 
     @property
     def entity(self) -> str:
-        """Its name in allowed contacts."""
+        """Name of the part in allowed contacts."""
         return self.motion.part.entity
 
     def in_tasks(self, pieces: Indices, tasks: frozenset[int]) -> npt.NDArray[np.bool_]:
-        """Tell in which pieces one of some tasks is executed.
+        """Tell in which pieces one of some tasks may be executed.
 
-        Of what lies in the world it is for the other side to say.
+        At rest there is no own task: True in all pieces, unless ``self.tasks`` has none of the tasks.
         """
         if self.robot is not None:
             found = np.isin(self.robot.pieces.tasks[pieces], list(tasks))
@@ -58,20 +60,20 @@ class Side:
         return np.full(len(pieces), there)
 
     def keys(self, pieces: Indices) -> Indices:
-        """Return one number for a node, and one for the stand before it; 0 for a thing at rest."""
+        """Return a number for each piece: one per node, one per stand before a node; 0 at rest."""
         if self.robot is None:
             return np.zeros_like(pieces)
         return self.robot.pieces.keys[pieces]
 
     def moment(self, piece: int) -> Moment:
-        """Return the name of a piece in a problem."""
+        """Return the description of a piece in a problem."""
         if self.robot is None:
             return Moment(None, -1, -1, True, self.entity)
         return self.robot.moment(piece, self.entity)
 
-    def off_by(self, share: float) -> Side:
-        """Return it with scaled errors of its motion."""
-        return replace(self, motion=self.motion.off_by(share))
+    def with_errors_scaled(self, share: float) -> Side:
+        """Return the side with scaled errors of its motion."""
+        return replace(self, motion=self.motion.with_errors_scaled(share))
 
 
 @dataclass(frozen=True)
@@ -81,8 +83,8 @@ class Encounter:
     Attributes:
         first, second: the parts.
         rows, columns: pieces of either, each of shape (k,).
-        loaded: whether either is carried and no part of a robot.
-        lies: number of what rests, None between two robots.
+        loaded: whether either is an object or fixture, not a part of a robot.
+        at_rest: index of the part at rest, None between two robots.
     """
 
     first: Side
@@ -90,12 +92,12 @@ class Encounter:
     rows: Indices
     columns: Indices
     loaded: bool
-    lies: int | None = None
+    at_rest: int | None = None
 
     def allowed_by(
         self, depths: Depths
     ) -> Iterator[tuple[npt.NDArray[np.bool_], float]]:
-        """Yield the pairs of pieces in which the two may touch, shape (k,), and the allowed depth [m]."""
+        """Yield which pairs of pieces allow a contact, shape (k,), and its allowed depth [m]."""
         pair = frozenset((self.first.entity, self.second.entity))
         for tasks, depth in depths.get(pair, ()):
             first = self.first.in_tasks(self.rows, tasks)
@@ -103,16 +105,16 @@ class Encounter:
 
 
 class Encounters:
-    """All encounters of the robots of a plan, with each other and with resting things.
+    """All encounters of the robots of a plan, with each other and with objects and fixtures at rest.
 
     Args:
-        cell: its cell.
-        robots: of the plan.
-        still: what rests.
-        precedence: what precedes what.
+        cell: cell of the plan.
+        robots: robots of the plan.
+        still: objects and fixtures at rest.
+        precedence: precedence of the nodes.
 
     Attributes:
-        pairs: pairs of pieces that may be simultaneous, as far as they were looked at.
+        pairs: number of pairs of pieces so far that may be simultaneous.
     """
 
     def __init__(
@@ -129,11 +131,11 @@ class Encounters:
     def all_within(
         self, between: float, from_rest: float
     ) -> Iterator[Iterator[Encounter]]:
-        """Yield the encounters of every two robots, then of every robot and resting things.
+        """Yield the encounters of every two robots, then of every robot with objects and fixtures at rest.
 
         Args:
             between: distance up to which two robots are near each other [m].
-            from_rest: likewise a robot and what rests [m].
+            from_rest: distance up to which a robot and an object or fixture are near each other [m].
         """
         for a, b in combinations(self.robots, 2):
             yield self._of_robots(a, b, between)
@@ -171,28 +173,31 @@ class Encounters:
         limits: Array = np.full((1, len(robot.bodies)), limit)
         for close in close_pairs(still.sweeps, robot.sweeps, windows, limits):
             groups = _groups(close, close.i, robot.which(close.y, close.j))
-            for (_, lies, y, m), _, pieces in groups:
-                rest, motion = still.resting[lies], robot.bodies[y].motions[m]
+            for (_, k, y, m), _, pieces in groups:
+                rest, motion = still.resting[k], robot.bodies[y].motions[m]
                 if motion.part.joint < 0 and rest.object in self._fixtures:
                     continue
                 first = Side(motion, robot)
-                second = Side(still.motions[lies], None, rest.tasks)
-                if rest.hand == robot.name:  # its own: it errs as the robot does
-                    first, second = first.off_by(0.0), second.off_by(0.0)
+                second = Side(still.motions[k], None, rest.tasks)
+                if rest.hand == robot.name:  # it is displaced as the robot is
+                    first, second = (
+                        first.with_errors_scaled(0.0),
+                        second.with_errors_scaled(0.0),
+                    )
                 yield Encounter(
                     first,
                     second,
                     pieces,
                     np.zeros_like(pieces),
                     True,
-                    lies,
+                    k,
                 )
 
 
 def _groups(
     close: Close, which_x: Indices, which_y: Indices
 ) -> Iterator[tuple[tuple[int, int, int, int], Indices, Indices]]:
-    """Yield body and motion of both sides, and the pieces in which they come close."""
+    """Yield indices of body and motion of both sides, and the pieces in which they come close."""
     kinds = np.stack([close.x, which_x, close.y, which_y])
     order = np.lexsort(kinds)
     changes = np.any(np.diff(kinds[:, order], axis=1) != 0, axis=0)

@@ -1,8 +1,7 @@
 """Structure of a saved plan: acyclic, in planned order, with ordered handlings of objects.
 
-Precedence of nodes comes from ancestor sets, as bits of integers.
-
-What nodes do is what their tasks say, from where they begin on and at speeds that robots have.
+Precedence of nodes comes from ancestor sets, stored as bits of integers. Also checked: the handlings of nodes
+are those of their tasks, paths are continuous, and speeds are within the limits of the robots.
 """
 
 from __future__ import annotations

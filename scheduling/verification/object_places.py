@@ -1,8 +1,7 @@
 """Histories of objects by their handlings: in hands, or at rest between nodes.
 
-Each object is in one place or one hand, and moves without jumps: only with its holder, at one pose in that
-hand. So it suffices to check the changes of hands: the place where an object was put and the place where it
-is taken must be the same.
+An object is at rest, or held by one robot at a constant pose in its flange frame, so it moves only with its
+holder. So only transfers need checks: an object must be taken where it was put.
 """
 
 from __future__ import annotations
@@ -143,7 +142,7 @@ def object_histories(
 ) -> tuple[list[Carried], list[Resting]]:
     """Return the histories of all objects: carried by robots, or at rest.
 
-    Fixtures count as resting for ever. An object that is passed from hand to hand rests, in the
+    Fixtures rest at all times. An object that is passed from hand to hand rests, in the
     hand of the robot that stands, until that robot moves (or from when it stood still).
 
     Args:

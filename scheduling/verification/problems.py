@@ -16,7 +16,7 @@ class Moment:
     """One side of a problem.
 
     Attributes:
-        robot: name of the robot, None for what rests in the world.
+        robot: name of the robot, None for an object or fixture at rest.
         node: the node, or the node before which the robot stands, -1 where there is none.
         task: its task, -1 where there is none.
         standing: True when the robot stands before the node.

@@ -1,10 +1,10 @@
 """Tolerance of a plan to errors of calibration and force control: displaced bases, or tools in skills.
 
-Every robot base may be displaced by an independent error, whatever it does and carries. Resting things are
-at their planned poses, and a picked object is in the hand as planned: the intended contacts of the plan, of
-a tool that grips or of a part that is put down, absorb the error. So these contacts are excluded; all else
-must not touch. For deviations from the reference paths of skills it is the same, except that only their
-moving parts are displaced.
+Every robot base may be displaced by an independent error at all times. Objects at rest are at their planned
+poses, and a held object is at its planned grip: the allowed contacts of the plan, such as those of a gripping
+tool or of a part that is put down, absorb the error. So these contacts are excluded; all other pairs must not
+touch. Deviations from the reference paths of skills are treated alike, but displace only the moving parts
+during the skill.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ class SurvivedErrors:
 
     Attributes:
         error: the required error of every robot.
-        robots: between robots and their loads.
-        rest: between robots or their loads, and resting things.
+        robots: tolerated share between robots with their loads.
+        rest: tolerated share between robots with their loads, and objects and fixtures at rest.
     """
 
     error: PoseError
@@ -155,8 +155,8 @@ class _ShareSearch:
         tpg: the plan.
 
     Attributes:
-        share: survived by all that was looked at.
-        limiting: what limits it.
+        share: tolerated in all encounters so far.
+        limiting: the encounter that limits it.
     """
 
     def __init__(self, tpg: TemporalPlanGraph) -> None:
@@ -168,7 +168,7 @@ class _ShareSearch:
     def check(self, encounters: Iterator[Encounter], share: float) -> None:
         """Check encounters of parts with a share of the error.
 
-        Those with less come near each other in fewer pieces, so that one look at each is enough.
+        With a smaller error, parts come near each other in fewer pieces, so one check of each encounter is enough.
         """
         if self.limiting is None:
             self.share = share
@@ -179,7 +179,7 @@ class _ShareSearch:
         first, second = met.first, met.second
         if first.entity == second.entity:
             return
-        # Where neither has an error, what they do is not for this search.
+        # Pairs in which neither has an error do not limit the share.
         strayed = first.motion.strays(met.rows) + second.motion.strays(met.columns)
         free = strayed > 0.0
         for meant, _ in met.allowed_by(self._allowed):
@@ -187,7 +187,9 @@ class _ShareSearch:
         rows, columns = met.rows[free], met.columns[free]
         one = np.zeros(len(rows), dtype=np.int64)
         while self.share > 0.0:
-            a, b = (s.off_by(self.share / whole).motion for s in (first, second))
+            a, b = (
+                s.with_errors_scaled(self.share / whole).motion for s in (first, second)
+            )
             found = next(
                 self._measuring.too_close(a, b, (rows, columns), _LEFT, one), None
             )

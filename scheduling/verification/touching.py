@@ -1,6 +1,6 @@
-"""Allowed contacts with their depths, and contacts of held objects.
+"""Allowed contacts with their depths, contacts of held objects, and self-collisions.
 
-Self-collisions of robots, and of arms with their loads.
+A self-collision is a contact of two parts of a robot, or of an arm with its load.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from scheduling.witness.parts import TOLERANCE, ConvexPart, measure
 from scheduling.witness.robot import WitnessRobot
 
 SLACK = 1e-4
-"""Overlaps up to this are none, where nothing says more: hulls are larger than what they contain [m]."""
+"""Default depth up to which an overlap is ignored: hulls are larger than the bodies in them [m]."""
 
 Depths = Mapping[frozenset[str], list[tuple[frozenset[int], float]]]
-"""By pair of names: in which tasks these may touch, and how deep they may then be in each other [m]."""
+"""Allowed contacts of each pair of names: the tasks during which they may touch, and the allowed depth [m]."""
 
 
 def allowed_depths(tpg: TemporalPlanGraph) -> Depths:

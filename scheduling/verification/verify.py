@@ -1,13 +1,14 @@
 """Independent, slow proof that a saved plan keeps its guarantee (``twin verify``).
 
-Nothing here is shared with the code that builds the graph: order comes from sets of ancestors,
-geometry from pinocchio's own reading of the URDF files and coal's exact shapes, occupancy from
-dense samples grown by the motion between them; no capsules, no clocks, no conflict search.
-Checked are the structure; that what is done is what tasks say, and that no robot and no object jumps;
-and the invariant: (a) nodes of two robots that come too close are ordered, (b) so are a node and a robot
-that stands, (c) and a node and an object at rest. What may touch is held to a depth.
+No code is shared with the construction of the graph: precedence comes from ancestor sets, geometry from
+pinocchio's reading of the URDF files and coal's exact shapes, occupancy from dense samples enlarged by a bound
+on the motion between them.
 
-What a plan survives of errors is found in the same pass.
+Checked are the structure of the graph; that nodes do what their tasks state, without jumps of robots or
+objects; and the invariant: ordered are (a) nodes of two robots that come too close, (b) a node and a standing
+robot, (c) a node and an object at rest, if they come too close. Allowed contacts have a largest depth.
+
+The tolerated errors of bases and skills are computed in the same pass, see ``survived_errors``.
 """
 
 from __future__ import annotations
@@ -158,12 +159,12 @@ class _ClearanceCheck:
         geometry: Mapping[str, WitnessRobot],
         histories: tuple[list[Carried], list[Resting]],
     ) -> None:
-        """Check all pairs of robots, then every robot against resting things.
+        """Check all pairs of robots, then every robot with objects and fixtures at rest.
 
         Args:
-            precedence: what precedes what.
-            geometry: of all robots.
-            histories: of all objects.
+            precedence: precedence of the nodes.
+            geometry: geometry of all robots.
+            histories: histories of all objects.
         """
         tpg, cell = self.tpg, self.tpg.cell
         carried, resting = histories
@@ -180,12 +181,12 @@ class _ClearanceCheck:
             for encounter in encounters:
                 if len(self.problems) + sum(map(len, seen.values())) >= self.limit:
                     break
-                limit, lies = from_rest, encounter.lies
-                if lies is None:
-                    limit, lies = between, 0
-                self._settle(encounter, limit, seen.setdefault(lies, {}))
-            for lies in sorted(seen):
-                self.problems += _without_repeats(seen[lies])
+                limit, group = from_rest, encounter.at_rest
+                if group is None:
+                    limit, group = between, 0
+                self._settle(encounter, limit, seen.setdefault(group, {}))
+            for group in sorted(seen):
+                self.problems += _without_repeats(seen[group])
             if done > pairs:
                 robot = robots[done - pairs - 1]
                 self.problems += self_contact_problems(robot, geometry[robot.name])
@@ -207,8 +208,12 @@ class _ClearanceCheck:
         for bound in np.unique(least[least > -np.inf]).tolist():
             some, how = least == bound, self.objects if met.loaded else self.robots
             x, y = a, b
-            if bound != limit:  # what is meant to touch takes up what errors there are
-                x, y, how = a.off_by(0.0), b.off_by(0.0), self.contacts
+            if bound != limit:  # allowed contacts absorb the errors
+                x, y, how = (
+                    a.with_errors_scaled(0.0),
+                    b.with_errors_scaled(0.0),
+                    self.contacts,
+                )
             rows, columns = met.rows[some], met.columns[some]
             known = keys[:, some]
             alike = np.ravel_multi_index(tuple(known), tuple(known.max(axis=1) + 1))

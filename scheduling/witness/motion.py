@@ -86,8 +86,8 @@ class Motion:
         far = self._from_origin(frame[None])[0] if self.error else 0.0
         return float(off + self.error.m + self.error.rad * far)
 
-    def off_by(self, share: float) -> Motion:
-        """Return it with scaled errors."""
+    def with_errors_scaled(self, share: float) -> Motion:
+        """Return the motion with scaled errors."""
         error, deviates = NO_ERROR, None
         if share:
             error = PoseError(share * self.error.m, share * self.error.rad)

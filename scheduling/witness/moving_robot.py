@@ -1,4 +1,4 @@
-"""Robots with what they hold in straight joint-space pieces on one clock, and things at rest among them."""
+"""Motions of robots with their loads as straight joint-space pieces on a common clock, and objects at rest."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from scheduling.witness.robot import WitnessRobot
 from scheduling.witness.sweeps import DIRECTIONS, SweepBounds
 
 _AT_REST = np.zeros((2, 0)), np.tile(np.eye(4), (2, 1, 1))
-"""Knots and frames of what does not move."""
+"""Knots and frames of bodies at rest."""
 
 
 class MovingRobot:
-    """A robot and what it holds while that stays the same.
+    """A robot with a constant load, moving along a sampled path.
 
-    Intervals of the clock in which it stands make one piece, every other one a piece of its own.
+    Consecutive intervals in which it stands make one piece, every other interval is a piece.
 
     Args:
         robot: its geometry.
-        parts: of the robot, then of what it holds.
-        path: configurations at the ticks of the clock, at least one, shape (m, n).
+        parts: parts of the robot, then of its load.
+        path: configurations at the ticks of the common clock, at least one, shape (m, n).
 
     Attributes:
-        robot, parts: see there.
+        robot, parts: as given.
         begin, end: ticks at which each piece begins and ends, shape (s,).
         knots: configurations at which pieces begin and end, shape (s + 1, n).
         frames: poses of base and joints there, shape (s + 1, n + 1, 4, 4).
-        motions: of each part.
+        motions: motion of each part.
     """
 
     def __init__(

@@ -18,7 +18,7 @@ from planning.tasks.task import AllowedContact
 from planning.transforms import Array, translation
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg
-from scheduling.conflicts.derived_tpg import DerivedTpg, nodes_stretch
+from scheduling.conflicts.derived_tpg import DerivedTpg, occupant_of_nodes
 from scheduling.conflicts.occupancy import rest_occupancy
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.invariant import check_invariant
@@ -326,12 +326,12 @@ def test_what_is_no_skill_does_not_deviate() -> None:
     assert np.array_equal(same.edges, tpg.edges)
 
 
-def test_deviating_nodes_are_other_stretches() -> None:
+def test_deviating_nodes_are_other_occupants() -> None:
     """What is remembered of nodes that follow their path does not hold of those that do not."""
     plan = with_skills(world.random_turns(0, 2))
     plain, wide = (DerivedTpg(build_nodes(p)) for p in (plan, deviating(plan)))
     count = len(plain.tpg.chains[0])
-    one, other = (nodes_stretch(g, 0, 0, count) for g in (plain, wide))
+    one, other = (occupant_of_nodes(g, 0, 0, count) for g in (plain, wide))
     assert one.content != other.content
     assert not one.occupancy.hulls.deviates.any()
     assert other.occupancy.hulls.deviates.any()

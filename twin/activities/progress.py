@@ -1,4 +1,4 @@
-"""Progress of robots, updated with the events of a run."""
+"""Progress of the robots of a run: current node, standstills and attempts, updated event by event."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from twin.runs.events import Event
 
 STALLED = "stalled"
 STOPPED = "stopped"
-"""States in which a robot stands within a node."""
+"""States of a robot that stands still within a node: by a stall, or by a stop such as an emergency stop."""
 
 
 class RobotProgress:
@@ -57,18 +57,18 @@ class RobotProgress:
 
     @property
     def standing(self) -> str:
-        """STALLED or STOPPED while it is, else empty; what began last, where one is within the other."""
+        """STALLED or STOPPED while the robot is, else empty; while it is both, the one that began last."""
         return self._stands[-1][0] if self._stands else ""
 
     @property
     def standing_in_node(self) -> str:
-        """As standing, but empty once the node in which that began is complete: braking goes beyond it."""
+        """The same as ``standing``, but empty once the node in which that began is complete: braking may pass its end."""
         here = self._stands and self._stands[-1][2] == self.completed
         return self.standing if here else ""
 
     @property
     def since_ns(self) -> int:
-        """Time since which it stands [ns]."""
+        """Time at which its standstill began [ns]; 0 without one."""
         return self._stands[0][1] if self._stands else 0
 
     @property
@@ -129,7 +129,7 @@ class RobotProgress:
         elif event.kind == "failed":
             self.failed = True
         elif event.kind == "recovered":
-            # It has been attempted, and the plan continues from there.
+            # The failed node counts as complete: the revised plan continues after it.
             self.failed = False
             self.end_ns[node] = t_ns
             self.completed = max(self.completed, node + 1)

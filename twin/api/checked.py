@@ -1,4 +1,4 @@
-"""Result of the check of a scenario before it is planned, whether or not that check is installed."""
+"""Check of a scenario before it is planned: its result, which is empty where ``twin.checks`` is not installed."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from twin.trial.loaded_scenario import LoadedScenario
 
 
 class Checked(Protocol):
-    """Findings of the check of a scenario; ``twin.Check`` where it is installed."""
+    """Result of the check of a scenario: ``twin.Check``, or ``Unchecked`` where ``twin.checks`` is not installed."""
 
     @property
     def scenario(self) -> LoadedScenario:
-        """The scenario."""
+        """The checked scenario."""
         ...
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Doubtful values, each with its line in the file."""
+        """Messages on implausible values, each with its line in the file."""
         ...
 
     @property
@@ -31,7 +31,7 @@ class Checked(Protocol):
 
     @property
     def warning_excerpts(self) -> str:
-        """Warnings with excerpts of the file; empty without any."""
+        """Warnings with excerpts of the file; empty without warnings."""
         ...
 
     def require_ok(self) -> None:
@@ -41,7 +41,7 @@ class Checked(Protocol):
 
 @dataclass(frozen=True)
 class Unchecked:
-    """Empty result, where no check is installed.
+    """Empty result of a check that is not installed.
 
     Attributes:
         scenario: the scenario.
@@ -57,7 +57,7 @@ class Unchecked:
 
 
 def check_if_installed(scenario: LoadedScenario, progress: Report) -> Checked:
-    """Return the result of the check of a scenario; an empty one where the check is not installed."""
+    """Check a scenario; return an empty result where the check is not installed."""
     if "check" not in HOOKS:
         return Unchecked(scenario)
     found: Checked = HOOKS.load("check")(scenario, progress=progress)

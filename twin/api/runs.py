@@ -25,7 +25,7 @@ from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute
 
-Begun = Callable[[Checked, Path], None]
+StartCallback = Callable[[Checked, Path], None]
 """Told of the check and of the folder of a run, before it is planned."""
 
 
@@ -127,7 +127,7 @@ def run(
     recording: bool = True,
     audit: bool = True,
     audit_engine: str | None = None,
-    begun: Begun | None = None,
+    begun: StartCallback | None = None,
     progress: Report = report_nothing,
 ) -> RunResult:
     """Check and plan a scenario, execute it in the twin, audit it, and write everything.

@@ -53,8 +53,8 @@ _TICK = 1e-9
 _LARGEST_LOG = 256 << 20
 """Most bytes of an event log."""
 
-_TOLD = ("started", "completed", "recovered")
-"""Kinds of events with which nodes begin or are over."""
+_NODE_EVENTS = ("started", "completed", "recovered")
+"""Kinds of events with which nodes begin or end."""
 
 _WITHOUT = ToolGrip((0.0, 0.0), "no tool")
 """How a robot holds that has left its tool in the rack."""
@@ -200,11 +200,11 @@ def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
     except (OSError, UnicodeDecodeError) as error:
         raise OutputError(f"{path}: cannot be read: {error}") from error
     for number, line in enumerate(lines, 1):
-        if not any(f'"{kind}"' in line for kind in _TOLD):
+        if not any(f'"{kind}"' in line for kind in _NODE_EVENTS):
             continue
         try:
             event = parse_json(line)
-            if event["kind"] in _TOLD and event["robot"]:
+            if event["kind"] in _NODE_EVENTS and event["robot"]:
                 own, node = out[event["robot"]], event["node"]
                 times = own.begin if event["kind"] == "started" else own.end
                 if type(node) is not int or node < 0:
@@ -242,15 +242,14 @@ class AuditCase(ReplayedRun):
     """An execution with all data of its audit.
 
     Args:
-        world: to measure in.
+        world: measures distances.
         tpg: the plan.
         recording: the execution.
-        wanted: places and holds by the scenario.
-        logged: when nodes were started and completed, by robot or machine; empty where no log says
-            so.
+        wanted: expectations of the scenario on places and holds.
+        logged: start and end times of nodes, by robot or machine; empty without a log.
 
     Attributes:
-        world, tpg, wanted, logged: see there.
+        world, tpg, wanted, logged: as given.
         moved: when robots moved in their nodes, by robot.
         shapes: of each fixture and object, by name.
         numbers: indices of the robots, by name.

@@ -1,4 +1,4 @@
-"""``twin.check``: what makes every plan of a scenario impossible or doubtful."""
+"""``twin.check``: problems of a scenario that make every plan impossible or doubtful."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Check:
 
 @checks_arguments
 def check(scenario: AnyScenario, *, progress: Report = report_nothing) -> Check:
-    """Look at a cell before planning: overlaps, reach, HOME, grippers, tool frames and speeds.
+    """Check a cell before planning: overlaps, reach, HOME, grippers, tool frames and speeds.
 
     Errors make every plan impossible or false, and end the command with code 2; warnings do not.
 

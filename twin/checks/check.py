@@ -1,4 +1,4 @@
-"""All checks of a scenario, with findings in the order of the file."""
+"""Run all checks of a scenario; findings are in the order of the file."""
 
 from __future__ import annotations
 
@@ -56,17 +56,17 @@ _GENERAL: tuple[Callable[[CheckContext], Findings], ...] = (
     check_rates,
     check_physics,
 )
-"""Quick checks of a kind that lists none; reach is looked at only where quick checks found no error."""
+"""Quick checks of a kind of assembly that lists none of its own; reach is checked only if they find no error."""
 
 
-_TOLD_AT_ONE_KEY = 5
+_MOST_PER_KEY = 5
 """Largest number of findings of one check per key."""
 
 _DIGITS = 4
-"""Decimals of figures in which findings about parts of several products agree."""
+"""Decimals to which figures agree in equivalent findings on parts of several products."""
 
 _ABSENT: KeyPath = ("assembly", "kind")
-"""Where a finding is shown whose section the file leaves out."""
+"""Key at which a finding is shown if the file leaves its section out."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,9 @@ class CheckReport:
 
     Attributes:
         subject: the scenario and its cell.
-        document: the file, for places.
-        findings: in the order of the file, each once.
-        fits: how parts fit where they are put; none where something is wrong.
+        document: the file, for line numbers.
+        findings: findings in the order of the file, without repeats.
+        fits: clearances of parts at their places; empty if there is an error.
     """
 
     subject: CheckContext
@@ -87,7 +87,7 @@ class CheckReport:
 
     @property
     def errors(self) -> tuple[Finding, ...]:
-        """Errors, which make a plan impossible or false."""
+        """Errors, which make a plan impossible or wrong."""
         return tuple(item for item in self.findings if item.error)
 
     @property
@@ -96,7 +96,7 @@ class CheckReport:
         return tuple(item for item in self.findings if not item.error)
 
     def problem(self, finding: Finding) -> FileProblem:
-        """Return a finding with its place in the text."""
+        """Return a finding with its line and column in the file."""
         label = "" if finding.error else "warning: "
         at = finding.at if self.document.nearest(finding.at) else _ABSENT
         return self.document.problem(at, label + finding.message)
@@ -107,7 +107,7 @@ class CheckReport:
         return InvalidScenarioError(self.document.path, problems, self.document.lines)
 
     def messages(self, findings: tuple[Finding, ...]) -> tuple[str, ...]:
-        """Return findings in one line each, with the line of the file."""
+        """Return findings in one line each, with the line number in the file."""
         return tuple(
             f"line {self.problem(item).mark.line}: {item.message}" for item in findings
         )
@@ -136,9 +136,9 @@ def check_scenario(
     """Check everything in a scenario that needs no planning.
 
     Args:
-        scenario: passed the checks of its file; options may have changed it since.
-        document: the file, for places.
-        folder: where relative paths in it start.
+        scenario: the scenario, which passed validation of its file; command options may have changed it.
+        document: the file, for line numbers.
+        folder: base of relative paths in it.
 
     Raises:
         RobotModelError: a robot description cannot be used.
@@ -160,26 +160,29 @@ def check_scenario(
 def findings_without_reach(subject: CheckContext) -> list[Finding]:
     """Return the findings of all checks but reach."""
     # A wrong unit would trigger all other checks.
-    found = _few(subject, check_units(subject))
+    found = _without_repeats(subject, check_units(subject))
     checks = subject.checks.quick or _GENERAL
     for check in checks if not found else ():
-        found += _few(subject, check(subject))
+        found += _without_repeats(subject, check(subject))
     return found
 
 
 def reach_findings(subject: CheckContext, quick: list[Finding]) -> list[Finding]:
-    """Return the findings of reach; none where earlier findings prevent the check."""
+    """Return the findings on reach; none where errors of the quick checks prevent them."""
     at_fault = any(item.error for item in quick)
     if subject.kind.space_time:
-        # The planner names one object; overlaps are reported already.
+        # The planner names only one object; overlaps at the start are reported already.
         return [
             item for item in check_reach(subject) if not (at_fault and item.at_start)
         ]
-    return [] if at_fault else _few(subject, check_reach(subject))
+    return [] if at_fault else _without_repeats(subject, check_reach(subject))
 
 
-def _few(subject: CheckContext, findings: Findings) -> list[Finding]:
-    """Return the first findings of each key, and the number of others; for products those of one."""
+def _without_repeats(subject: CheckContext, findings: Findings) -> list[Finding]:
+    """Return the first findings of each key, and the number of others.
+
+    Of equivalent findings on parts of several products the first one is kept.
+    """
     first: dict[Any, Finding] = {}
     for item in findings:
         alike: Any = item
@@ -193,9 +196,9 @@ def _few(subject: CheckContext, findings: Findings) -> list[Finding]:
         by_key.setdefault((item.at, item.error), []).append(item)
     out: list[Finding] = []
     for (at, error), items in by_key.items():
-        out += items[:_TOLD_AT_ONE_KEY]
-        if len(items) > _TOLD_AT_ONE_KEY:
-            more = f"and {len(items) - _TOLD_AT_ONE_KEY} more like these"
+        out += items[:_MOST_PER_KEY]
+        if len(items) > _MOST_PER_KEY:
+            more = f"and {len(items) - _MOST_PER_KEY} more like these"
             out.append(Finding(at, more, error))
     return out
 

@@ -35,8 +35,8 @@ _ALONG = 0.7
 
 _NOWHERE = np.zeros(0)
 
-_TOLD = 4
-"""How many joints are named."""
+_MOST_NAMED = 4
+"""Most joints that a message names."""
 
 
 def check_tool_frames(subject: CheckContext) -> Findings:
@@ -91,7 +91,7 @@ def check_suction(subject: CheckContext) -> Findings:
             yield Finding(
                 subject.robot_at(robot.name, "tool", "model"),
                 f"{tool} of {robot.name} is said to hold by suction ({said}.suction), at one face, and its"
-                f" description has {len(fingers)} joints that move ({', '.join(fingers[:_TOLD])}), as those of"
+                f" description has {len(fingers)} joints that move ({', '.join(fingers[:_MOST_NAMED])}), as those of"
                 " fingers are: give opening_m in place of suction, or the description of a cup",
             )
 

@@ -14,7 +14,7 @@ from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.shapes import PoseSection
 
-_AWAY = 20.0
+_MOST_ARM_LENGTHS = 20.0
 """Largest plausible distance from an arm, in arm lengths."""
 
 _LARGE = 10.0
@@ -72,7 +72,7 @@ def _far_apart(subject: CheckContext, places: Sequence[Place]) -> Findings:
             key=lambda item: distance_from_first_joint(item, place) / _length(item),
         )
         away = distance_from_first_joint(nearest, place)
-        if away > _AWAY * _length(nearest):
+        if away > _MOST_ARM_LENGTHS * _length(nearest):
             yield Finding(
                 at,
                 f"{words} {away:.4g} m away from {nearest.name}, whose arm is"
@@ -84,7 +84,7 @@ def _far_apart(subject: CheckContext, places: Sequence[Place]) -> Findings:
             )
     for robot in robots if places else ():
         away = min(distance_from_first_joint(robot, place) for _, _, _, place in places)
-        if away > _AWAY * _length(robot):
+        if away > _MOST_ARM_LENGTHS * _length(robot):
             yield Finding(
                 subject.robot_at(robot.name, "base"),
                 f"{robot.name} stands {away:.4g} m away from whatever is to be handled, and its arm is"

@@ -1,11 +1,15 @@
-"""``twin run``: execute in the twin; ``twin resume``: complete a run whose process was killed."""
+"""``twin run``: execute in the twin; ``twin resume``: complete a run whose process was killed.
+
+A plan is made by ``twin/trial/planning.py`` and executed by ``twin/engine/execution.py``, whose dispatcher
+clears nodes for robots.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -24,12 +28,7 @@ from twin.commands.options import (
     TeamSize,
 )
 from twin.commands.view import View
-from twin.host.guard import (
-    guarded,
-)
-
-if TYPE_CHECKING:
-    pass
+from twin.host.guard import guarded
 
 
 @guarded

@@ -1,4 +1,4 @@
-"""The drivers file: driver of each robot, and addresses."""
+"""The drivers file: which driver moves each robot, and at which address drivers connect."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
 
 class SimulatedDriver(Section):
-    """An arm of the twin, which follows its nodes by the clock."""
+    """A simulated arm, which executes its nodes in real time."""
 
     kind: Literal["simulated"]
 
 
 class ServiceDriver(Section):
-    """A program of anybody's that asks for the robot's nodes by gRPC, see ``cell.proto``."""
+    """A program of your own that requests the nodes of its robot by gRPC, see ``cell.proto``."""
 
     kind: Literal["grpc"]
 
@@ -40,12 +40,12 @@ class FrankaArm(Section):
     Attributes:
         address: of its controller.
         width_m: of what its hand grips, between the fingers.
-        within_m: by how much that may differ; else the grasp has failed.
+        within_m: largest difference from that width; with more, the grasp has failed.
         opening_m: to which the hand opens.
         force_n: with which it presses.
         speed_m_s: of its fingers.
         goal_m: width to which it is told to close; by default ``width_m``.
-        realtime: whether this computer has a real-time kernel, which real robots ask for.
+        realtime: whether this computer has a real-time kernel, which real robots require.
     """
 
     kind: Literal["franka"]
@@ -64,7 +64,7 @@ class RegisteredDriver(Section):
 
     Attributes:
         name: of the driver in the registry.
-        options: what it is to know, such as an address.
+        options: passed to it, such as an address.
     """
 
     kind: Literal["registered"]
@@ -76,19 +76,19 @@ AnyDriver = Annotated[
     SimulatedDriver | ServiceDriver | FrankaArm | RegisteredDriver,
     Field(discriminator="kind"),
 ]
-"""Who moves a robot."""
+"""Driver of a robot."""
 
 
 class DriversSection(Section):
-    """Who moves the robots of a cell, for ``twin operate --drivers``.
+    """Drivers of the robots of a cell, for ``twin operate --drivers``.
 
     Attributes:
-        robots: who moves each robot, by its name; those that are not named are simulated.
-        listen: address at which programs ask for their robots' nodes.
-        certificates: folder of certificates that both sides show; without one nobody but this machine
-            is listened to.
-        lease_s: without a sign of life for so long, nothing more is cleared to a driver [s].
-        out_s: a driver that is silent for so long is given up [s].
+        robots: driver of each robot, by its name; robots that are not named are simulated.
+        listen: address at which programs request the nodes of their robots.
+        certificates: folder of certificates for mutual authentication; without one, only programs on this machine
+            can connect.
+        lease_s: time without a message from a driver after which it is cleared no further nodes [s].
+        out_s: time without a message after which a driver counts as lost [s].
         tolerance: farthest that a joint may be from its path [rad or m]; beyond it all robots stop, and the run
             ends.
         pace: how many times as fast as the clock the run's time goes, where all arms are simulated.

@@ -1,11 +1,11 @@
-"""Robots of Franka Robotics (FR3, Panda) as drivers, by libfranka: package ``franky-control``, extra ``franka``.
+"""Driver of robots of Franka Robotics (FR3, Panda), by libfranka: package ``franky-control``, extra ``franka``.
 
-A straight leg in joint space is one Ruckig motion from rest to rest, with joint limits in proportion to
-joint displacements, so that it stays on the straight line; nodes on the same line that are cleared
-meanwhile extend it before it begins to brake. At corners the robot comes to rest, and continues once
-its measured distance bounds the cut of the path. A motion is executed by libfranka's own thread, to the
-last cleared border and no farther, even if the dispatcher fails; when this process dies, the robot's
-controller stops it.
+A straight segment in joint space is one Ruckig motion from rest to rest, with joint limits in proportion to
+joint displacements, so that it stays on the straight line. If nodes on the same line are released meanwhile,
+the motion is extended before it begins to brake. At a corner the robot comes to rest, and continues once it is
+measured so near the corner that it cuts it by less than a tolerance. Motions are executed by libfranka's own
+thread, at most to the end of the last released node, even if the dispatcher fails; when this process dies, the
+robot's controller stops it.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ from twin.drivers.legs import ClearedPath
 from twin.host.extras import extra_module
 
 _LEAST_SHARE = 0.01
-"""Limits of joints that hardly move, over those of the joint with the largest displacement."""
+"""Least limit of a joint, as a share of that of the joint with the largest displacement."""
 
-_LOOK_S = 0.01
-"""How often the robot is looked at [s]."""
+_POLL_S = 0.01
+"""Polling period of the robot's state [s]."""
 
-_AHEAD_S = 0.08
-"""How long before it would have to brake a motion is made longer [s]."""
+_EXTEND_S = 0.08
+"""Time before the begin of braking at which a motion is extended [s]."""
 
-_PATIENCE_S = 5.0
-"""How long a robot may take to come to rest where it was sent [s]."""
+_SETTLE_S = 5.0
+"""Longest time in which a robot settles at its target [s]."""
 
 _MOST_SAMPLES = 5000
 """Largest number of buffered samples."""
 
-_TRUST, _LATE_S = 0.1, 0.2
+_CLOCK_GAIN, _LATE_S = 0.1, 0.2
 """Share of the clock offset corrected at each reading, and its maximum [s]."""
 
-_STILL = 2e-3
+_REST_SPEED = 2e-3
 """Speed below which joints count as at rest [rad/s]."""
 
-_LOOKS = 5
-"""How many times in a row a robot has to be seen where it is to stand."""
+_SETTLED_COUNT = 5
+"""Number of consecutive states near the target with which a robot has settled."""
 
 
 class FrankaDriver:
@@ -57,11 +57,11 @@ class FrankaDriver:
 
     Args:
         address: of the robot's controller, name or number.
-        limits: of the joints, those that the plan keeps to.
+        limits: joint limits of the plan.
         grip: grip of the hand.
-        corner: by how much a joint may cut a corner [rad].
+        corner: largest deviation of a joint where a corner is cut [rad].
         settle: joint tolerance before tool actions, and at the last cleared node [rad].
-        stray: farthest that the robot may be from its path at the begin [rad].
+        stray: largest distance of the robot from its path at the begin [rad].
         realtime: whether this computer has a real-time kernel, which real robots ask for.
 
     Raises:
@@ -120,9 +120,9 @@ class FrankaDriver:
         # The current leg, if its end is not -1: length, speed and acceleration along it.
         self._at, self._end = 0, -1
         self._unit, self._speed, self._rate = np.zeros(7), 0.0, 1.0
-        self._stopping = self._stands = self._seeks = False
+        self._stopping = self._stands = self._entering = False
         self._since, self._near = 0.0, 0
-        self._clock_s = self._told_s = 0.0
+        self._clock_s = self._robot_s = 0.0
         # Action of the hand for another robot, and whether it is in progress or done.
         self._order: ToolOrder | None = None
         self._ordered, self._acted = False, ""
@@ -133,13 +133,13 @@ class FrankaDriver:
     def begin(self, start: Array, done: int) -> None:
         """Start at the planned configuration, and start to monitor the robot.
 
-        One that stands elsewhere takes up the path where it is nearest, once it has nodes.
+        A robot elsewhere enters its path at the nearest point, once it has nodes.
         """
         with self._lock:
             self._path = ClearedPath(start, done)
             self._done = self._begun = done
             self._at, self._end = 0, -1
-            self._seeks = bool(np.abs(self._q - start).max() > self._stray)
+            self._entering = bool(np.abs(self._q - start).max() > self._stray)
         if self._thread is None:
             self._thread = threading.Thread(
                 target=self._run, name=f"franka {self._address}", daemon=True
@@ -161,7 +161,7 @@ class FrankaDriver:
         with self._lock:
             off, self._off = self._off, 0.0
             samples = tuple(self._samples)
-            # The last one again where there is no other, so that all times are by one clock.
+            # The last one is repeated, so that every report has a sample, and all times are of one clock.
             self._samples = deque(samples[-1:], maxlen=_MOST_SAMPLES)
             return DriverState(
                 self._begun,
@@ -195,7 +195,7 @@ class FrankaDriver:
         """Release the robot and wait for it: libfranka's threads must end before the interpreter."""
         self.leave()
         if self._thread is not None:
-            self._thread.join(_PATIENCE_S)
+            self._thread.join(_SETTLE_S)
 
     def _run(self) -> None:
         """Monitor and move the robot until it is released."""
@@ -211,7 +211,7 @@ class FrankaDriver:
                     self._record(state)
                     if self._mode != "fault":
                         self._step(state)
-                        self._mode = self._doing()
+                        self._mode = self._current_mode()
                     at_s = self._time_of(state)
                     self._samples.append(Sample(at_s, self._q, self._begun, self._done))
                     standing = self._end < 0 and not self._hand.is_at_work
@@ -222,22 +222,22 @@ class FrankaDriver:
                     self._mode, self._words = "fault", str(error)
                     if self._left:
                         return
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_S)
 
     def _time_of(self, state: Any) -> float:
         """Return the measurement time of a state by this computer's clock.
 
-        Differences come from the robot's clock; ours, late by the waiting time of a state, only
-        prevents drift.
+        Time differences come from the robot's clock. This computer reads a state late, so its clock
+        only corrects drift.
         """
-        told_s, now_s = state.time.to_sec(), time.monotonic()
-        guess = self._clock_s + told_s - self._told_s
+        robot_s, now_s = state.time.to_sec(), time.monotonic()
+        guess = self._clock_s + robot_s - self._robot_s
         late = now_s - guess
-        at_s = guess + _TRUST * late if 0.0 <= late < _LATE_S else now_s
-        self._clock_s, self._told_s = max(at_s, self._clock_s), told_s
+        at_s = guess + _CLOCK_GAIN * late if 0.0 <= late < _LATE_S else now_s
+        self._clock_s, self._robot_s = max(at_s, self._clock_s), robot_s
         return self._clock_s
 
-    def _doing(self) -> Mode:
+    def _current_mode(self) -> Mode:
         if self._hand.is_at_work:
             return "moving"
         if self._held and (self._end < 0 or self._stands):
@@ -248,8 +248,8 @@ class FrankaDriver:
         """Record a measurement."""
         self._q, self._dq = np.array(state.q), np.array(state.dq)
         end = self._at if self._end < 0 else self._end
-        if not self._seeks:
-            self._off = max(self._off, self._path.off(self._at, end, self._q))
+        if not self._entering:
+            self._off = max(self._off, self._path.deviation(self._at, end, self._q))
         modes = self._franky.RobotMode
         if state.robot_mode in (modes.Reflex, modes.UserStopped):
             self._mode = "fault"
@@ -262,35 +262,35 @@ class FrankaDriver:
             self._follow(state)
         elif self._hand.is_at_work:
             self._act()
-        elif self._failing >= 0 and self._at + 1 == len(self._path.stops):
+        elif self._failing >= 0 and self._at + 1 == len(self._path.points):
             self._failed, self._failing = self._failing, -1
             self._done = self._begun = self._failed + 1
         if self._end >= 0 or self._hand.is_at_work or self._held:
             return
-        if self._order is not None and self._at + 1 == len(self._path.stops):
+        if self._order is not None and self._at + 1 == len(self._path.points):
             self._ordered = True
             self._hand.begin(self._order.act)
             return
-        if self._at + 1 < len(self._path.stops):
-            if self._seeks:
-                self._at, off = self._path.nearest(self._q)
+        if self._at + 1 < len(self._path.points):
+            if self._entering:
+                self._at, off = self._path.nearest_segment(self._q)
                 if off > self._stray:
                     raise FrankaError(f"it stands {off:.3f} rad from its path")
                 self._passed(self._at)
-                self._seeks = False
+                self._entering = False
             self._begin_next()
 
     def _begin_next(self) -> None:
         """Begin the next leg or action."""
-        stop = self._path.stops[self._at + 1]
+        following = self._path.points[self._at + 1]
         if self._failing < 0:
-            self._begun = max(self._begun, self._path.stops[self._at].done + 1)
+            self._begun = max(self._begun, self._path.points[self._at].done + 1)
         self._since = time.monotonic()
-        if stop.stands:
-            self._hand.begin(stop.act, stop.seconds)
+        if following.stands:
+            self._hand.begin(following.act, following.seconds)
             return
         self._end = self._path.leg_end(self._at)
-        leg = self._path.stops[self._end].q - self._path.stops[self._at].q
+        leg = self._path.points[self._end].q - self._path.points[self._at].q
         longest = float(np.abs(leg).max())
         self._unit = leg / longest
         share = np.maximum(np.abs(self._unit), _LEAST_SHARE)
@@ -299,18 +299,18 @@ class FrankaDriver:
         self._rate = float(np.min(rate / share))
         speeds.set(share * self._speed)
         rates.set(share * self._rate)
-        # Accelerations build up within milliseconds; so does what is wrong with the one that the robot
-        # reports at the begin go away.
+        # Jerk is not scaled: accelerations build up within milliseconds, and an error of the acceleration
+        # that the robot reports at the begin vanishes as fast.
         jerks.set(jerk)
         self._move_to_end()
 
     def _move_to_end(self) -> None:
         """Move to the end of the leg, at most at the planned speed."""
-        top = self._path.top(self._at, self._end)
+        top = self._path.top_speed(self._at, self._end)
         slower = min(1.0, top / self._speed)
         factor = self._franky.RelativeDynamicsFactor(slower, 1.0, 1.0)
         motion = self._franky.JointMotion(
-            self._path.stops[self._end].q, relative_dynamics_factor=factor
+            self._path.points[self._end].q, relative_dynamics_factor=factor
         )
         self._robot.move(motion, asynchronous=True)
         self._stopping = self._stands = False
@@ -318,9 +318,9 @@ class FrankaDriver:
 
     def _follow(self, state: Any) -> None:
         """Track the progress on the leg, and extend the motion where possible."""
-        stops, end = self._path.stops, self._end
+        points, end = self._path.points, self._end
         square = float(self._unit @ self._unit)
-        between = self._path.points(self._at, end)[1:-1]
+        between = self._path.configurations(self._at, end)[1:-1]
         for k in np.flatnonzero((between - self._q) @ self._unit <= 0.0).tolist():
             self._passed(self._at + 1 + k)
         if self._held and not self._stopping:
@@ -336,36 +336,36 @@ class FrankaDriver:
                 self._move_to_end()
                 self._since = time.monotonic()
         else:
-            left = (stops[end].q - np.array(state.q_d)) @ self._unit / square
+            left = (points[end].q - np.array(state.q_d)) @ self._unit / square
             speed = max(0.0, float(np.array(state.dq_d) @ self._unit) / square)
-            brake = speed * speed / (2.0 * self._rate) + _AHEAD_S * speed
+            brake = speed * speed / (2.0 * self._rate) + _EXTEND_S * speed
             longer = self._path.leg_end(self._at, end)
             if longer > end and left <= brake + 1e-3:
                 self._end = longer
                 self._move_to_end()
             elif not self._robot.join_motion(0.0):
                 self._since = time.monotonic()
-            elif self._is_near_leg_end() and np.abs(state.dq_d).max() <= _STILL:
+            elif self._is_near_leg_end() and np.abs(state.dq_d).max() <= _REST_SPEED:
                 self._passed(end)
                 self._at, self._end = end, -1
-            elif time.monotonic() - self._since > _PATIENCE_S:
-                off = np.abs(self._q - stops[end].q).max()
+            elif time.monotonic() - self._since > _SETTLE_S:
+                off = np.abs(self._q - points[end].q).max()
                 raise FrankaError(f"it stands {off:.4f} rad from where it was sent")
 
     def _is_near_leg_end(self) -> bool:
         """Return whether the robot is near enough to the end of the leg to continue."""
-        off = float(np.abs(self._q - self._path.stops[self._end].q).max())
-        turn = self._path.turn(self._at, self._end)
+        off = float(np.abs(self._q - self._path.points[self._end].q).max())
+        turn = self._path.turn_sine(self._at, self._end)
         if turn < 1.0 and off * turn <= self._corner:
             return True
         self._near = self._near + 1 if off <= self._settle else 0
-        return self._near >= _LOOKS
+        return self._near >= _SETTLED_COUNT
 
     def _passed(self, k: int) -> None:
-        """Record that the robot has passed a point, or stands there."""
+        """Record that the robot has passed or reached a point."""
         if self._failing >= 0:
             return  # no tool action on the way back
-        self._done = max(self._done, self._path.stops[k].done)
+        self._done = max(self._done, self._path.points[k].done)
         self._begun = max(self._begun, self._done + (k < self._end))
 
     def _act(self) -> None:
@@ -381,15 +381,15 @@ class FrankaDriver:
                 )
             self._acted, self._order, self._ordered = self._order.name, None, False
             return
-        stop = self._path.stops[self._at + 1]
+        point = self._path.points[self._at + 1]
         if self._failing >= 0 and good:
-            self._path, self._at = self._path.back(self._at + 1), 0
+            self._path, self._at = self._path.path_back(self._at + 1), 0
         elif good:
             self._at += 1
             self._passed(self._at)
-        elif stop.act == "close" and self._failing < 0:
+        elif point.act == "close" and self._failing < 0:
             # Open again, and go back to where the skill began.
-            self._failing = stop.first
+            self._failing = point.first
             self._words = f"the hand closed to {1000 * self._hand.width:.1f} mm"
             self._hand.begin("open")
         else:
@@ -400,7 +400,7 @@ def franka_driver(arm: FrankaArm, robot: PlacedRobot) -> FrankaDriver:
     """Return the driver of a Franka robot of a drivers file.
 
     Raises:
-        FrankaError: the plan keeps it to no limits, or it cannot be reached.
+        FrankaError: the plan has no limits for it, or it cannot be reached.
     """
     if robot.limits is None or robot.model.dof != 7:
         raise FrankaError(

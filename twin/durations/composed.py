@@ -32,7 +32,7 @@ class Shifted(DurationModel):
     model: AnyDuration
     offset_s: Annotated[float, Field(ge=-LONGEST_S, le=LONGEST_S)]
 
-    def located(self, folder: Path) -> Shifted:
+    def _located(self, folder: Path) -> Shifted:
         """Return the model with its files read; ScenarioError if durations are negative."""
         model = self.model.located(folder)
         if model.minimum + self.offset_s < 0:
@@ -41,7 +41,6 @@ class Shifted(DurationModel):
                 f"of the model is {model.minimum:g} s"
             )
         found: Shifted = self.changed(model=model)
-        _ = found.mean
         return found
 
     def _ppf(self, u: Array) -> Array:
@@ -91,11 +90,10 @@ class Retries(DurationModel):
         out[-1] = p**self.retries
         return np.asarray(out)
 
-    def located(self, folder: Path) -> Retries:
+    def _located(self, folder: Path) -> Retries:
         """Return the model with its files read."""
         retry = None if self.retry is None else self.retry.located(folder)
         found: Retries = self.changed(attempt=self.attempt.located(folder), retry=retry)
-        _ = found.mean
         return found
 
     def _ppf(self, u: Array) -> Array:

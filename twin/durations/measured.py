@@ -78,7 +78,7 @@ class Empirical(_Sample):
     column: str = "duration_s"
     unit: Unit | None = None
 
-    def located(self, folder: Path) -> MeasuredTimes:
+    def _located(self, folder: Path) -> MeasuredTimes:
         """Return the durations of the file; ScenarioError names file and line."""
         path = folder / self.csv
         if not is_file(path):
@@ -89,7 +89,7 @@ class Empirical(_Sample):
     @property
     def values_s(self) -> Array:
         """The durations of the file, where its path is relative to the current folder [s]."""
-        return self.located(Path()).values_s
+        return self._located(Path()).values_s
 
 
 class Packaged(_Sample):

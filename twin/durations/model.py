@@ -102,7 +102,12 @@ class DurationModel(Section, ABC):
             ScenarioError: a file cannot be read, there is no such distribution, or its mean is longer
                 than any plan may last.
         """
-        _ = self.mean
+        found = self._located(folder)
+        _ = found.mean
+        return found
+
+    def _located(self, folder: Path) -> DurationModel:
+        """Return the model with its files read; ScenarioError where there is no such distribution."""
         return self
 
     @abstractmethod

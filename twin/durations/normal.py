@@ -51,7 +51,7 @@ class TruncatedNormal(FittableModel):
     low_s: Seconds = 0.0
     high_s: PositiveSeconds | None = None
 
-    def located(self, folder: Path) -> TruncatedNormal:
+    def _located(self, folder: Path) -> TruncatedNormal:
         """Return the model; ScenarioError when hardly anything is between its bounds."""
         if abs(self.mean_s) / 1e9 > self.sd_s:
             raise ScenarioError(
@@ -158,7 +158,7 @@ class Lognormal(FittableModel):
             raise ValueError("p95_s must not be less than median_s")
         return self
 
-    def located(self, folder: Path) -> Lognormal:
+    def _located(self, folder: Path) -> Lognormal:
         """Return the model; ScenarioError when it is wider than numbers go."""
         median, p95 = self._quantiles()
         if p95 / 1e9 > median:

@@ -1,6 +1,7 @@
 """Execution of a temporal plan graph: the state of one run, and the dispatcher (APEX-MR IV-D).
 
-Robots, late objects, replanning and people are ports, see ``ports``.
+``Dispatcher`` of scheduling/graph/dispatcher.py says which nodes are safe; ``Execution`` releases them to robots.
+Robots, late objects, replanning and people are interfaces, see ``ports``.
 """
 
 from __future__ import annotations
@@ -50,12 +51,12 @@ class Execution:
 
     Attributes:
         robots, supply, replanner, audience: its ports.
-        ended: why it ended before its plan was complete; None where no such cause is known.
+        ended: cause of an end before the plan is complete; None without a known cause.
         failed: chains whose task has failed for good, without a replanner.
-        finished: number of nodes with which a chain was last reported finished.
+        finished: number of nodes of each chain when it was last reported finished.
         revision: number of the graph that is executed, from 1.
-        gates: of ports; a safe node is released once all of them return True for its chain.
-        release_hooks: of ports; called with chain and node after a release.
+        gates: functions of ports; a safe node is released once all of them return True for its chain.
+        release_hooks: functions of ports, called with chain and node after a release.
     """
 
     def __init__(
@@ -250,7 +251,7 @@ class Execution:
         return event
 
     def count_patience(self, chain: int, node: int, late_ns: int = 0) -> None:
-        """Schedule the lifting of edges from a node that begins now, or after a delay [ns], and that hold for some time at most."""
+        """Schedule the removal of timed edges from a node that begins now, or after a delay [ns]."""
         for target, patience in self.impatient.get((chain, node), ()):
             delay = late_ns + patience + self.messages.report_ns
             self.after(delay, self._lift, (chain, node), target)
@@ -374,7 +375,7 @@ class Execution:
 
     def _receive_report(self, chain: int, node: int) -> None:
         self._reports.append((chain, node))
-        # As ``redispatch`` does; this is the most frequent call of all.
+        # Inlined ``redispatch``, since this is the most frequent call of all.
         if not self._report_arrived.triggered:
             self._report_arrived.succeed()
 
@@ -396,6 +397,7 @@ class Execution:
             arrival.succeed()
 
     def _dispatch(self) -> Steps:
+        """Process reports of complete nodes as they arrive, and release the nodes that become safe by them."""
         while True:
             # Reports before the start of the dispatcher count, too, as in a run continued from its log.
             self._report_arrived = self.env.event()
@@ -432,7 +434,7 @@ class Execution:
     def _next_is_safe(self, chain: int) -> bool:
         """Return whether the next node has no open dependency and passes the gates of all ports.
 
-        Its own robot works through its queue in order, so it need not be done with that.
+        Earlier nodes of its own robot need not be complete, since a robot executes its queue in order.
         """
         node = self.released[chain]
         if node == len(self.task[chain]):

@@ -101,7 +101,7 @@ class SupplyPort(Protocol):
 
 
 class Replanner(Protocol):
-    """Extension of the graph while it is executed."""
+    """Extension of the graph while it is executed; ``twin.operations.replanner`` implements it."""
 
     @property
     def planning(self) -> bool:

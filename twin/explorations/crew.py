@@ -251,7 +251,7 @@ class ClusterCrew:
         workers: int,
         limit_s: float,
     ) -> None:
-        self._parcel = zlib.compress(pickle.dumps(setting))
+        self._packed_setting = zlib.compress(pickle.dumps(setting))
         self._executor, self._workers, self._limit_s = executor, workers, limit_s
         self._calls: dict[Future[Evaluation], DesignTask] = {}
 
@@ -268,7 +268,7 @@ class ClusterCrew:
     def submit(self, task: DesignTask) -> None:
         """Send a design to the cluster."""
         call = self._executor.submit(
-            evaluate_on_worker, self._parcel, self._limit_s, task
+            evaluate_on_worker, self._packed_setting, self._limit_s, task
         )
         self._calls[call] = task
 
@@ -283,22 +283,24 @@ class ClusterCrew:
         yield from sorted(found, key=lambda item: item[0].number)
 
 
-def evaluate_on_worker(parcel: bytes, limit_s: float, task: DesignTask) -> Evaluation:
+def evaluate_on_worker(
+    packed_setting: bytes, limit_s: float, task: DesignTask
+) -> Evaluation:
     """Evaluate a design; the function that workers of a cluster call.
 
     Args:
-        parcel: the setting of the exploration, packed.
+        packed_setting: the setting of the exploration, packed.
         limit_s: timeout of a design [s].
         task: the design.
 
     Raises:
         ClusterError: files that the scenario names are not here, or this process may start no others.
     """
-    if getattr(_OWN, "parcel", None) != (parcel, limit_s):
+    if getattr(_OWN, "packed_setting", None) != (packed_setting, limit_s):
         if (before := getattr(_OWN, "crew", None)) is not None:
             before.close()
-        _OWN.crew = _crew(pickle.loads(zlib.decompress(parcel)), limit_s)
-        _OWN.parcel = parcel, limit_s
+        _OWN.crew = _crew(pickle.loads(zlib.decompress(packed_setting)), limit_s)
+        _OWN.packed_setting = packed_setting, limit_s
     crew: Crew = _OWN.crew
     crew.submit(task)
     ((_, found),) = crew.finished()

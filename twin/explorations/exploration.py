@@ -81,7 +81,7 @@ class Exploration:
         )
         self._lost = self._search.replay(self.journal.searched)
         self._known: dict[str, TriedDesign] = {}
-        self._parcels: dict[tuple[str, int], bytes] = {}
+        self._packed_workloads: dict[tuple[str, int], bytes] = {}
         for row in self.journal.rows:
             self._remember(row)
 
@@ -160,16 +160,18 @@ class Exploration:
 
         A workload is pickled, so it goes to no file: an exploration that is resumed plans again what it needs.
         """
-        if row.done and row.evaluation.parcel:
-            self._parcels[row.purpose, row.design] = row.evaluation.parcel
-        row = replace(row, evaluation=replace(row.evaluation, parcel=b""))
+        if row.done and row.evaluation.packed_workload:
+            self._packed_workloads[row.purpose, row.design] = (
+                row.evaluation.packed_workload
+            )
+        row = replace(row, evaluation=replace(row.evaluation, packed_workload=b""))
         self.journal.append(row)
         self._remember(row)
         if row.purpose == SEARCH:
             wanted = {0, *(r.design for r in self.finalists())}
-            for purpose, design in list(self._parcels):
+            for purpose, design in list(self._packed_workloads):
                 if purpose == SEARCH and design not in wanted:
-                    del self._parcels[purpose, design]
+                    del self._packed_workloads[purpose, design]
 
     def _remember(self, row: TriedDesign) -> None:
         """Index a design by its values; a further evaluation replaces an earlier one."""
@@ -221,14 +223,14 @@ class Exploration:
             self.keep(TriedDesign(task.number, purpose, values, 0, found, about=about))
         self._progress(stage, 1, 1)
 
-    def parcel_of(self, row: TriedDesign) -> bytes:
+    def packed_workload_of(self, row: TriedDesign) -> bytes:
         """Return the packed workload of a design; empty where this process has not evaluated it."""
         design = row.design if row.same_as is None else row.same_as
-        return self._parcels.get((row.purpose, design), b"")
+        return self._packed_workloads.get((row.purpose, design), b"")
 
-    def keep_parcel(self, row: TriedDesign, parcel: bytes) -> None:
+    def keep_packed_workload(self, row: TriedDesign, packed_workload: bytes) -> None:
         """Keep the packed workload of a design in memory."""
-        self._parcels[row.purpose, row.design] = parcel
+        self._packed_workloads[row.purpose, row.design] = packed_workload
 
     def samples_of(self, row: TriedDesign) -> Path:
         """Return the file with the makespans of a design in further replications."""

@@ -1,7 +1,7 @@
 """Comparison of the best designs, and the gain of each change, with common new draws.
 
-Draws by which designs were chosen flatter those that were chosen. So replications begin here where those of the
-search end, and designs are compared replication by replication.
+A design that was chosen because of some draws looks better with them than it is (selection bias). Therefore the
+comparison uses the replications after those of the search, and pairs the designs replication by replication.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ RACING, UNDOING = "comparison of the best designs", "what changes are worth"
 REPLANNING = "plans with other seeds"
 """Names of the stages for progress displays."""
 
-_AT_ONCE = 500
-"""Replications that are executed side by side."""
+_BLOCK_SIZE = 500
+"""Replications that are executed in one block."""
 
-_BY_EVENTS = 200
-"""Most replications of a finalist where only the event engine can execute it."""
+_MOST_BY_EVENT_ENGINE = 200
+"""Most replications of a finalist where only the event engine, which is slow, can execute it."""
 
 _COMPROMISES = 20
-"""Most compromises that are replicated further."""
+"""Most compromises (Pareto-optimal designs) that are replicated further."""
 
-_OF_PLANS = REPLICATED | {"makespan_s"}
-"""Results that another plan changes."""
+_PLAN_RESULTS = REPLICATED | {"makespan_s"}
+"""Results that depend on the plan."""
 
 _PERCENTILES = {"p50_s": 0.5, "p90_s": 0.9}
 """Results that are quantiles of the makespan."""
@@ -70,10 +70,10 @@ class Finalist:
     Attributes:
         row: its evaluation in the search.
         makespans_s: of new replications, NaN where one did not complete [s].
-        goals: values of the goals over these, as something to be small.
+        goals: values of the goals over these; smaller is better.
         behind: by how much it is worse than the best; None for that one, and where nothing is known.
-        apart: whether it is known to be worse; with several goals, than another one in all of them.
-        unsure: with several goals, whether it is open which of it and another one is a compromise.
+        apart: whether it is significantly worse; with several goals, than some other design in all of them.
+        unsure: with several goals, whether another design may dominate it or be dominated by it.
     """
 
     row: TriedDesign
@@ -92,10 +92,9 @@ class ChangeValue:
         key: the changed key; empty for all changes together, against the base design.
         words: text on the change.
         gain: by how much the goal is better with it; None where there is no design without it.
-        reason: why not.
-        by_plans: of all changes together the mean gain over several plans of both, each with
-            another seed
-            of the planner; None where that is not known.
+        reason: why there is no design without it.
+        by_plans: of all changes together, the mean gain over several plans of both designs, each pair with
+            another seed of the planner; None where that is not known.
     """
 
     key: str
@@ -166,7 +165,7 @@ class Finals:
         section = self._section
         targets, most = [section.replications], section.most_replications
         if any(self._setting.scenario.execution.needs_event_engine()):
-            most = min(most, max(_BY_EVENTS, section.replications))
+            most = min(most, max(_MOST_BY_EVENT_ENGINE, section.replications))
         while any(self._drawn) and racing > 1 and targets[-1] < most:
             targets.append(min(2 * targets[-1], most))
         return targets
@@ -207,7 +206,7 @@ class Finals:
     ) -> int | None:
         """Return 1 if a design dominates another; -1 if dominated; 0 if neither; None if not significant.
 
-        None is where that is not known.
+        A difference that may be zero by its interval is not significant.
         """
         signs = set[int | None]()
         for goal in range(len(self._goals)):
@@ -275,8 +274,8 @@ class Finals:
     ) -> Interval | None:
         """Return the mean gain of a design over plans of both, each pair with another seed of the planner.
 
-        Among designs of which many are alike good, a search finds the one whose plan is the luckiest. Whoever
-        builds the cell may plan as often as he likes; what stays is what the design is worth over plans.
+        Among many designs of about the same quality, a search prefers one that happened to get a good plan. The
+        mean over plans is the gain that remains when the cell is planned again.
 
         Args:
             base, best: the scenario as it is, and the design.
@@ -284,12 +283,12 @@ class Finals:
             crew: plans and evaluates.
 
         Returns:
-            Student's interval of the differences; None where the first goal knows no plan, or no pair of
-            plans but the first is possible.
+            Student's interval of the differences; None where the first goal depends on no plan, or only the
+            first pair of plans is feasible.
         """
         exploration, own = self._exploration, self._setting.scenario.seed
         seeds = range(own + 1, own + self._section.plans)
-        if not self._goals[0].expression.used & _OF_PLANS:
+        if not self._goals[0].expression.used & _PLAN_RESULTS:
             return None
         wanted = [
             (row.values, str(seed))
@@ -322,9 +321,8 @@ class Finals:
     ) -> Interval | None:
         """Return the difference of a goal between two designs, over new replications.
 
-        That of a mean is of the differences in each replication, that of a quantile as in
-        ``PairedQuantiles``; that of another expression is a bootstrap in which both see the same
-        replications.
+        For a mean it is computed from the differences of all replications, for a quantile as in
+        ``PairedQuantiles``, and for another expression by a bootstrap with the same resamples for both.
         """
         first, second = self._sample(one, count), self._sample(other, count)
         section = self._goals[goal]
@@ -337,8 +335,11 @@ class Finals:
                 own |= {"seed": self._setting.scenario.seed}
                 base = PairedQuantiles(first[both], _PERCENTILES[about], **own)
                 found = base.reduction(second[both])
-            return found if found is None or section.sign > 0 else _turned(found)
-        value, against = self._judge(one, goal), self._judge(other, goal)
+            return found if found is None or section.sign > 0 else _negated(found)
+        value, against = (
+            self._goal_function(one, goal),
+            self._goal_function(other, goal),
+        )
         estimate = value(first) - against(second)
         if not self._drawn[goal]:
             return Interval(estimate, estimate, estimate, 0)
@@ -351,22 +352,22 @@ class Finals:
         return Interval(estimate, float(low), float(high), count)
 
     def _resampled(self, row: TriedDesign, goal: int, count: int) -> Array:
-        """Return a goal of a design over resamples of replications, the same for all designs."""
+        """Return a goal of a design over resamples of its replications; all designs have the same resamples."""
         key = row.purpose, row.design, goal, count
         if key not in self._resamples:
             rng = np.random.default_rng(self._setting.scenario.seed)
             drawn = rng.integers(0, count, (_RESAMPLES, count))
-            sample, value = self._sample(row, count), self._judge(row, goal)
+            sample, value = self._sample(row, count), self._goal_function(row, goal)
             with np.errstate(invalid="ignore"):
                 self._resamples[key] = np.array([value(sample[i]) for i in drawn])
         return self._resamples[key]
 
     def _values(self, row: TriedDesign, count: int) -> tuple[float, ...]:
         sample, goals = self._sample(row, count), range(len(self._goals))
-        return tuple(self._judge(row, goal)(sample) for goal in goals)
+        return tuple(self._goal_function(row, goal)(sample) for goal in goals)
 
-    def _judge(self, row: TriedDesign, goal: int) -> Callable[[Array], float]:
-        """Return a function of a design's goal over some replications; infinite without one."""
+    def _goal_function(self, row: TriedDesign, goal: int) -> Callable[[Array], float]:
+        """Return the function from makespans to the value of a goal of a design, infinite where it has none."""
         scenario = apply_variation(self._setting.scenario, self._variant(row))
         free, key = self._section.changed(constraints=()), keys_of(scenario)
 
@@ -394,33 +395,36 @@ class Finals:
             self._samples[name] = read_sample(place)
         have = self._samples[name]
         if len(have) < count:
-            parcel, first = self._parcel(row), self._section.replications
+            packed_workload, first = (
+                self._packed_workload(row),
+                self._section.replications,
+            )
             parts = [have]
-            for at in range(len(have), count, _AT_ONCE):
-                block = Block(0, first + at, min(_AT_ONCE, count - at))
-                parts.append(compute_block(parcel, block).rows.makespans_s())
+            for at in range(len(have), count, _BLOCK_SIZE):
+                block = Block(0, first + at, min(_BLOCK_SIZE, count - at))
+                parts.append(compute_block(packed_workload, block).rows.makespans_s())
             self._samples[name] = have = np.concatenate(parts)
             write_sample(place, have)
         return have[:count]
 
-    def _parcel(self, row: TriedDesign) -> bytes:
-        """Return the packed workload of a design; it is planned again where it is not in memory."""
-        parcel = self._exploration.parcel_of(row)
-        if not parcel:
+    def _packed_workload(self, row: TriedDesign) -> bytes:
+        """Return the packed workload of a design, which is planned again if it is not in memory."""
+        packed_workload = self._exploration.packed_workload_of(row)
+        if not packed_workload:
             seed = int(row.about) if row.purpose == REPLANNED else None
             climb = RungClimb(self._setting, self._variant(row), planner_seed=seed)
             found = climb.evaluate()
-            if not found.parcel:
+            if not found.packed_workload:
                 raise OutputError(
                     f"{self._exploration.folder / JOURNAL}: design {row.design} is said to be possible,"
                     f" and is not: {found.rung}: {found.reason}"
                 )
-            parcel = found.parcel
-            self._exploration.keep_parcel(row, parcel)
-        return parcel
+            packed_workload = found.packed_workload
+            self._exploration.keep_packed_workload(row, packed_workload)
+        return packed_workload
 
 
-def _turned(found: Interval) -> Interval:
+def _negated(found: Interval) -> Interval:
     return replace(found, estimate=-found.estimate, low=-found.high, high=-found.low)
 
 

@@ -79,7 +79,7 @@ class Evaluation:
         turns_s: makespan of its plan without shortcuts, NaN where there is none, or of one product of several [s].
         makespans_s: of its replications, NaN where one did not complete [s].
         cpu_s: processor time of each rung [s].
-        parcel: its work, packed, for more replications.
+        packed_workload: the workload of its plan, packed, for more replications.
     """
 
     outcome: Outcome
@@ -91,7 +91,7 @@ class Evaluation:
     turns_s: float = np.nan
     makespans_s: tuple[float, ...] = ()
     cpu_s: Mapping[str, float] = field(default_factory=dict)
-    parcel: bytes = b""
+    packed_workload: bytes = b""
 
 
 def refused_evaluation(
@@ -202,7 +202,7 @@ class RungClimb:
         plan = _full_plan(Planned(layout, setting.folder))
         results["makespan_s"] = plan.makespan_s
         load = _work(own, setting.folder, plan)
-        self._known["parcel"] = pack_workload(load)
+        self._known["packed_workload"] = pack_workload(load)
         self._begin(REPLICATIONS)
         if section.replicates:
             # All designs see the same draws in a replication of the same number.

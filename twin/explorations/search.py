@@ -23,8 +23,11 @@ from twin.host.extras import extra_module
 _PENALTY = 1e9
 """Objective of refused designs for samplers without constraints, larger for earlier rungs."""
 
-_CONSTRAINED, _REFUSED = ("tpe", "nsga-ii"), "refused"
-"""Samplers that know of constraints, and the name of the one there is."""
+_CONSTRAINED_SAMPLERS = "tpe", "nsga-ii"
+"""Samplers that support constraints."""
+
+_REFUSED = "refused"
+"""Name of the only constraint: by how much a design is refused."""
 
 optuna_module = partial(
     extra_module, package="optuna", extra="explore", needs="exploring designs"
@@ -34,15 +37,15 @@ optuna_module = partial(
 class Search:
     """A sampler that chooses designs and learns from their evaluations.
 
-    Each is chosen with a seed of its own, by the number of the design. So what is chosen depends on what was
-    evaluated before, and not on whether the program was stopped in between.
+    Each design is chosen with a seed of its own, made from its number. So the choice depends on the earlier
+    evaluations, and not on whether the program was stopped in between.
 
     Args:
         dimensions: the varied keys.
         sampler: how designs are chosen.
-        goals: how many there are, each to be small.
+        goals: number of goals; all are minimized.
         seed: of all choices.
-        expected: designs in all, by which the sampler paces itself.
+        expected: total number of designs, from which the sampler's start-up and population size follow.
 
     Raises:
         RequestError: optuna is not installed.
@@ -72,7 +75,7 @@ class Search:
     def ask(self, number: int) -> Values:
         """Return the values of a design; number 1 is the first, 0 is the base design.
 
-        Where all designs can be counted up, none is chosen again before all of them were.
+        In a finite space, no design is chosen twice before every design was chosen.
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -88,12 +91,12 @@ class Search:
         return values
 
     def tell(self, row: TriedDesign) -> None:
-        """Learn the evaluation of a design, also of one from elsewhere, if within the space."""
+        """Learn the evaluation of a design, also of one that it has not chosen, if that is within the space."""
         trial = self._asked.pop(row.design, None)
         found = row.evaluation
         values = found.goals or (_PENALTY * (1.0 + found.violation),) * self._goals
         if trial is not None and _values(self._dimensions, trial.params) == row.values:
-            if self._name in _CONSTRAINED:
+            if self._name in _CONSTRAINED_SAMPLERS:
                 trial.set_constraint(_REFUSED, found.violation)
             self._study.tell(trial, list(values))
         else:
@@ -104,7 +107,7 @@ class Search:
                 made = self._optuna.trial.create_trial(
                     params=parameters, distributions=self._space, values=list(values)
                 )
-                if self._name in _CONSTRAINED:
+                if self._name in _CONSTRAINED_SAMPLERS:
                     made.set_constraint(_REFUSED, found.violation)
                 self._study.add_trial(made)
         self.evaluated += 1
@@ -153,7 +156,7 @@ class Search:
 
 
 def _space(optuna: Any, dimensions: Sequence[Dimension]) -> dict[str, Any]:
-    """Return the parameters of all dimensions: an order has one sort key per entry."""
+    """Return optuna's distributions for all dimensions: for an order, one sort key per entry (random keys)."""
     kinds, found = optuna.distributions, {}
     for one in dimensions:
         if one.choices:
@@ -170,7 +173,7 @@ def _space(optuna: Any, dimensions: Sequence[Dimension]) -> dict[str, Any]:
 
 
 def _values(dimensions: Sequence[Dimension], parameters: Mapping[str, Any]) -> Values:
-    """Return the values of parameters."""
+    """Return the values of a design from optuna's parameters."""
     found: dict[str, Any] = {}
     for one in dimensions:
         if one.choices:
@@ -187,7 +190,7 @@ def _values(dimensions: Sequence[Dimension], parameters: Mapping[str, Any]) -> V
 def _parameters(
     dimensions: Sequence[Dimension], values: Values
 ) -> dict[str, Any] | None:
-    """Return the parameters of values; None where one is not within its dimension."""
+    """Return optuna's parameters of a design's values; None where a value is not within its dimension."""
     found: dict[str, Any] = {}
     for one in dimensions:
         value = values[one.key]

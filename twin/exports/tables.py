@@ -14,18 +14,18 @@ import pyarrow.parquet as pq
 
 from twin.trial.run_result import RunResult
 
-_PARTS = {"xyz": ("x", "y", "z"), "quat_wxyz": ("qw", "qx", "qy", "qz")}
+_COMPONENTS = {"xyz": ("x", "y", "z"), "quat_wxyz": ("qw", "qx", "qy", "qz")}
 
 
 def csv_files(run: RunResult) -> Mapping[str, bytes]:
-    """Return ``events.csv``, ``trajectory.csv`` and ``objects.csv``, a column a component."""
+    """Return ``events.csv``, ``trajectory.csv`` and ``objects.csv``, with one column for each vector component."""
     return {f"{name}.csv": _csv(table) for name, table in _tables(run).items()}
 
 
 def parquet_files(run: RunResult) -> Mapping[str, bytes]:
     """Return the same tables as Parquet, zstd compressed.
 
-    Each says in its metadata which run it is of.
+    The metadata of each file names its scenario, seed and policy.
     """
     about = {"scenario": run.name}
     about |= {k: str(run.summary[k]) for k in ("seed", "policy") if k in run.summary}
@@ -41,7 +41,7 @@ def parquet_files(run: RunResult) -> Mapping[str, bytes]:
 
 
 def _tables(run: RunResult) -> Mapping[str, pa.Table]:
-    """Return the tables ``events``, ``trajectory`` and ``objects``; the last two as in the folder."""
+    """Return the tables ``events``, ``trajectory`` and ``objects``, as in the run folder."""
     return {
         "events": run.events,
         "trajectory": run.trajectory,
@@ -53,11 +53,11 @@ def _csv(table: pa.Table) -> bytes:
     columns = {}
     for name in table.column_names:
         column = table.column(name).combine_chunks()
-        if name in _PARTS:
-            size = len(_PARTS[name])
+        if name in _COMPONENTS:
+            size = len(_COMPONENTS[name])
             values = column.flatten()
-            for k, part in enumerate(_PARTS[name]):
-                columns[part] = values.take(
+            for k, component in enumerate(_COMPONENTS[name]):
+                columns[component] = values.take(
                     pa.array(range(k, len(values), size), pa.int64())
                 )
         elif pa.types.is_dictionary(column.type):

@@ -1,4 +1,4 @@
-"""Measured durations in groups: one sample a skill, robot or type of object, from a table or the event log of a run."""
+"""Measured durations from tables or event logs, grouped by skill, robot or type of object: one sample per group."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LABELS = ("skill", "robot", "object")
 """Columns that define groups."""
 
 FEWEST = 10
-"""Least number of durations to discriminate distributions."""
+"""Least number of durations in a sample, enough to tell distributions apart."""
 
 DURATION = "duration_s"
 """Column of durations where none is named."""
@@ -46,7 +46,7 @@ _STAMPS = (
     ("start_time", "end_time"),
     ("started", "completed"),
 )
-"""Columns of time stamps that are understood where there is no column of durations."""
+"""Columns of begin and end times that are read where there is no column of durations."""
 
 _Rows = Iterator[tuple[tuple[str, ...], float]]
 
@@ -288,7 +288,7 @@ def unit_notes(
 def _logged(path: Path, keys: Sequence[str], skill: str | None) -> _Rows:
     for entry in logged_skills(path):
         labels = {"skill": entry.skill, "robot": entry.robot, "object": entry.object}
-        # Supports are done to nothing: there is no exception to make of them.
+        # A skill without an object, such as a support, has no label to group by object.
         known = all(labels[key] for key in keys)
         if known and skill in (None, entry.skill):
             yield tuple(labels[key] for key in keys), entry.seconds
@@ -319,7 +319,7 @@ def _sample(
 def unused_labels(
     paths: Sequence[Path], by: Sequence[str]
 ) -> dict[str, tuple[str, ...]]:
-    """Return the values of columns that separate groups but were not used."""
+    """Return the values of columns by which samples could be grouped but are not."""
     rows = [row for path in paths for row in csv_rows(path)]
     out = {}
     for name in LABELS:

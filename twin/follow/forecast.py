@@ -1,7 +1,8 @@
 """Monte-Carlo forecasts of the end of a run in progress.
 
-Completed nodes have known times. Current ones are drawn conditional on their elapsed time. The rest is
-drawn as for any run. Node times then follow from the graph.
+Completed nodes have known times. The remaining times of current nodes are drawn conditional on their elapsed
+times, later nodes as in a simulation. The times of all nodes then follow from the temporal plan graph. Each
+such simulated continuation of the run is called a *future*.
 """
 
 from __future__ import annotations
@@ -31,16 +32,16 @@ from twin.uncertainty.node_times import NodeTimeSampler
 from twin.uncertainty.skill_durations import drawn_nodes
 
 SAMPLES = 200
-"""Futures that are drawn; fewer where a plan is so large that they would not fit."""
+"""Number of sampled futures; fewer for plans with too many nodes for the memory."""
 
 SEED = stable_hash("forecast") >> 2
-"""Names the draws; no run has it by accident."""
+"""Seed of the sampled futures: a hash, so that no run has it by chance."""
 
 _FEWEST = 50
-"""Samples of a forecast, however large the graph."""
+"""Minimum number of sampled futures, however large the graph."""
 
 _MOST_VALUES = 8_000_000
-"""Times of nodes in all samples above that: it bounds the memory."""
+"""Maximum number of node times in all samples, beyond that minimum; it bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +49,11 @@ class Forecast:
     """Forecast of the end of a run in progress.
 
     Attributes:
-        t_ns: time of the run at which this was foreseen [ns].
-        makespan_s: end of the run in every future that was drawn and in which no task fails
-            for good, rising, shape (n,) [s].
-        failing: share of futures in which a task fails for good.
-        nodes_done, nodes: how far the run had come.
+        t_ns: time of the run at which the forecast was made [ns].
+        makespan_s: end of the run in every sampled future in which no task fails for good,
+            ascending, shape (n,) [s].
+        failing: share of sampled futures in which a task fails for good.
+        nodes_done, nodes: number of completed nodes, and of all nodes.
     """
 
     t_ns: int
@@ -76,19 +77,19 @@ class Forecast:
 class Forecaster:
     """Makes repeated forecasts of one run.
 
-    The same futures are drawn every time, so that a forecast changes for what happens and not
-    by chance. Stops at times of the run's clock that have not begun are not foreseen.
+    The same futures are drawn every time, so that a forecast changes because of events and not by
+    chance. Emergency stops and breakdowns at times of the run's clock are included only once they have begun.
     """
 
     def __init__(
         self, tpg: TemporalPlanGraph, model: ExecutionModel, *, samples: int = SAMPLES
     ) -> None:
-        """Draw the futures.
+        """Sample the futures.
 
         Args:
             tpg: the executed plan.
             model: execution model, with disturbances.
-            samples: futures to draw.
+            samples: number of futures.
         """
         self._tpg = tpg
         self._graph = policy_graph(with_model_holds(tpg, model), model.policy)
@@ -102,24 +103,26 @@ class Forecaster:
         self._futures = [
             sampler.sample(seed=SEED, replication=r) for r in range(self._samples)
         ]
-        self._motion = np.stack([_joined(f.motion) for f in self._futures], axis=1)
-        self._stall = np.stack([_joined(f.stood) for f in self._futures], axis=1)
+        self._motion = np.stack(
+            [_concatenated(f.motion) for f in self._futures], axis=1
+        )
+        self._stall = np.stack([_concatenated(f.stood) for f in self._futures], axis=1)
         self._drawn = drawn_nodes(model.durations.bind(tpg))
-        self._model, self._asked = model, samples
+        self._model, self._max_samples = model, samples
 
     def of(self, tpg: TemporalPlanGraph) -> Forecaster:
         """Return a forecaster of the current plan; this one if it is unchanged."""
         if tpg is self._tpg:
             return self
-        return Forecaster(tpg, self._model, samples=self._asked)
+        return Forecaster(tpg, self._model, samples=self._max_samples)
 
     def drifts(self, run: FollowedRun) -> tuple[Drift, ...]:
         """Return the current drifts of a run, the largest first."""
-        # Making the watch takes a while, in which a run may just have begun.
-        return self._watch.current_drifts(run) if run.nodes_done >= FEWEST else ()
+        # Creating the drift watch takes long, so it waits until enough nodes are done.
+        return self._drift_watch.current_drifts(run) if run.nodes_done >= FEWEST else ()
 
     @cached_property
-    def _watch(self) -> DriftWatch:
+    def _drift_watch(self) -> DriftWatch:
         return DriftWatch(self._tpg, self._model, SEED)
 
     def forecast(self, run: FollowedRun, now_ns: int | None = None) -> Forecast:
@@ -139,14 +142,14 @@ class Forecaster:
             if node < len(robot.start_ns):
                 self._adapt_task(k, robot, busy)
             if robot.under_way >= 0:
-                busy[first[k] + node] = self._rest(k, robot, now)
+                busy[first[k] + node] = self._remaining_ns(k, robot, now)
             if robot.standing:
                 not_before[k] += self._standstill(robot, now)
-            fails |= self._fails(k, robot)
+            fails |= self._failing_futures(k, robot)
         past = Past(
             now,
-            _joined([robot.start_ns for robot in run.robots]),
-            _joined([robot.end_ns for robot in run.robots]),
+            _concatenated([robot.start_ns for robot in run.robots]),
+            _concatenated([robot.end_ns for robot in run.robots]),
             not_before,
         )
         end = end_times(self._graph, busy, self._messages, past)
@@ -160,8 +163,8 @@ class Forecaster:
         )
 
     def _adapt_task(self, k: int, robot: RobotProgress, busy: Nanoseconds) -> None:
-        """Scale a motion by the pace of its task so far."""
-        pace = self._pace(k, robot)
+        """Scale the remaining motions of a task by the pace of its completed ones."""
+        pace = self._task_pace(k, robot)
         if pace is None:
             return
         chain, node = self._tpg.chains[k], robot.completed
@@ -171,7 +174,7 @@ class Forecaster:
         rows = self._graph.first[k] + rest
         busy[rows] = moving[:, None] + self._stall[rows]
 
-    def _rest(self, k: int, robot: RobotProgress, now: int) -> Nanoseconds:
+    def _remaining_ns(self, k: int, robot: RobotProgress, now: int) -> Nanoseconds:
         """Return the remaining time of the current node in every future [ns]."""
         chain, node = self._tpg.chains[k], robot.under_way
         worked = robot.worked_ns(now)
@@ -182,14 +185,14 @@ class Forecaster:
             if total is not None:
                 rest = np.maximum(total - worked, 0)
         else:
-            pace = self._pace(k, robot)
+            pace = self._task_pace(k, robot)
             if pace is not None:
                 planned = int(to_nanoseconds(chain.duration[node] * pace))
                 rest = np.full(self._samples, max(planned - worked, 0))
         return np.asarray(rest + self._retries(k, robot, node), dtype=np.int64)
 
-    def _pace(self, k: int, robot: RobotProgress) -> float | None:
-        """Return observed over planned time of a task's completed motions, None without any."""
+    def _task_pace(self, k: int, robot: RobotProgress) -> float | None:
+        """Return the ratio of observed to planned time of a task's completed motions, None without any."""
         chain, node = self._tpg.chains[k], robot.completed
         low = int(np.searchsorted(chain.task, chain.task[node]))
         done = np.arange(low, node)[~chain.skill[low:node]]
@@ -254,14 +257,14 @@ class Forecaster:
             return MeasuredTimes(values=stops)
         return Fixed(value_s=0.0)
 
-    def _fails(self, k: int, robot: RobotProgress) -> Array:
+    def _failing_futures(self, k: int, robot: RobotProgress) -> Array:
         """Return the futures in which a remaining task of a robot fails for good."""
         if robot.failed:
             return np.ones(self._samples, dtype=bool)
         return np.array([f.failed[k] >= robot.completed for f in self._futures])
 
 
-def _joined(rows: Sequence[Nanoseconds]) -> Nanoseconds:
+def _concatenated(rows: Sequence[Nanoseconds]) -> Nanoseconds:
     return np.concatenate([*rows, np.empty(0, dtype=np.int64)]).astype(np.int64)
 
 
@@ -269,12 +272,12 @@ def conditional_quantiles(model: DurationModel, least_s: float, u: Array) -> Arr
     """Return the quantiles of a duration conditional on a lower bound.
 
     Args:
-        model: of the duration.
-        least_s: what it is known to exceed [s].
+        model: distribution of the duration.
+        least_s: lower bound [s].
         u: probabilities in (0, 1).
 
     Returns:
-        Same shape as ``u`` [s]; ``least_s`` where the model knows of nothing longer.
+        Same shape as ``u`` [s]; ``least_s`` if the model has no longer duration.
     """
     low, high = 0.0, 1.0
     for _ in range(60):

@@ -1,7 +1,7 @@
 """Delays of plans: random durations of motions, and the resulting times.
 
-An independent rollout: it shares no code with the engines of the twin, and keys draws by name, so that
-two planners get the same delays for the same work.
+No code is shared with the engines of the twin. Draws are keyed by the names of tasks, so that two planners
+get the same delays for the same tasks.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.errors import TwinError
-from twin.judge.foreign_execution import MotionSpan, planned_spans
 from twin.judge.open_plan import OpenMotion, OpenPlan
+from twin.judge.open_plan_execution import MotionSpan, planned_spans
 
 _STILL = 1e-9
 """A motion whose joints are slower than this at its end comes to rest there [rad/s or m/s]."""
 
 Stretch = Callable[[str, OpenMotion, float], float | None]
-"""Returns the stretch factor of work at a quantile; None for a plain move. Arguments: robot or machine, a motion, and the quantile.
+"""Returns the stretch factor of a skill's motion at a quantile; None for a motion without a skill.
+
+Arguments: robot or machine, the motion, and the quantile.
 """
 
 
@@ -42,9 +44,9 @@ class DelayModel:
     """Model of delays; durations are never shorter than planned.
 
     Attributes:
-        slower: a move takes up to so many times as long as planned, evenly drawn.
+        slower: largest factor of the duration of a motion without a skill, drawn uniformly from 1 on.
         stalls_per_h: number of standstills of a robot per hour of planned motion.
-        stall_s: for how long then, from and to, evenly drawn [s].
+        stall_s: bounds of their duration, drawn uniformly [s].
     """
 
     slower: float = 1.1
@@ -57,9 +59,9 @@ def delayed_spans(
 ) -> dict[str, MotionSpan]:
     """Return the times of a plan's motions under delays, by id.
 
-    Where the plan waits, a motion begins as soon as the one before it and those that it waits for
-    are over. Where it goes by the clock, at its planned time, or as soon as the robot is done with
-    what was before, whatever the others do.
+    In a plan with waits, a motion begins as soon as the previous one and those that it waits for are over.
+    In a plan without, it begins at its planned time, or when the previous motion of the robot is over if
+    that is later, whatever other robots do.
 
     Args:
         plan: the plan.
@@ -114,7 +116,7 @@ def _by_waits(
                     break
                 begin = max([ends[k], *(over[other] for other in needs)])
                 begin += max(stalls[motion.id] for motion in run)
-                # What does not come to rest in between is late as one.
+                # Motions without a stop in between are delayed together.
                 factor = max(factors[motion.id] for motion in run)
                 for motion in run:
                     out[motion.id] = MotionSpan(begin, factor)
@@ -175,7 +177,7 @@ def _draws(
 
 
 def _stalls(seed: int, name: str, model: DelayModel) -> Iterator[tuple[float, float]]:
-    """Yield the stalls of a robot: planned motion before each, and its duration [s]."""
+    """Yield the stalls of a robot: time of planned motion before each, and its duration [s]."""
     at, low, high, number = 0.0, *model.stall_s, 0
     while True:
         number += 1

@@ -1,10 +1,10 @@
 """Intended contacts of an open plan, from its transfers and declared contacts.
 
-- A hand touches what it holds, from the work in which it takes it to the work in which it gives it away.
-- A picked or placed object touches its neighbours, in that work.
-- A tool touches what a motion says that it does; bricks at rest it may graze while it works.
+- A tool touches the object that it holds, from the task that takes it to the task that gives it away.
+- A picked or placed object touches its neighbours during that task.
+- A tool touches what the ``touches`` of a motion name; it may graze bricks at rest during its tasks.
 
-How deep all that may be is the audit's: see ``twin.audits.contacts``.
+The allowed depths of contacts are in ``twin.audits.contacts``.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audits.expectations import TOUCH, Expectations
 from twin.audits.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
-from twin.judge.foreign_execution import ForeignChange, ForeignExecution
 from twin.judge.open_plan import OpenMotion, OpenPlan
+from twin.judge.open_plan_execution import OpenPlanExecution, Transfer
 
 _TICK = 1e-9
 """Times that differ by less are the same [s]."""
@@ -31,35 +31,35 @@ def intended_contacts(
     plan: OpenPlan,
     graph: TemporalPlanGraph,
     world: AuditWorld,
-    planned: ForeignExecution,
+    planned: OpenPlanExecution,
     wanted: Expectations,
 ) -> tuple[AllowedContact, ...]:
     """Return the allowed contacts, with their tasks.
 
     Args:
-        plan: says what tools touch.
-        graph: of it: knows the tasks.
+        plan: the plan, whose motions name what tools touch.
+        graph: its graph, with its tasks.
         world: measures distances of neighbours.
-        planned: the plan as it is executed at its own times.
-        wanted: says what keeps objects at rest.
+        planned: execution at the planned times.
+        wanted: expectations of the audit: how objects at rest are held.
     """
-    work = _Work(plan, graph)
+    times = _TaskTimes(plan, graph)
     tasks: dict[frozenset[str], set[int]] = defaultdict(set)
     hands = {
         robot.name: [f"{robot.name}/tool", *(t.name for t in robot.tools)]
         for robot in graph.cell.robots
     }
-    _held(tasks, work, planned.changes, hands)
-    _add_neighbour_contacts(tasks, work, planned, world, max(TOUCH, wanted.touch_m))
+    _add_held_contacts(tasks, times, planned.changes, hands)
+    _add_neighbour_contacts(tasks, times, planned, world, max(TOUCH, wanted.touch_m))
     busy: dict[str, set[int]] = defaultdict(set)
     for name, some in plan.motions.items():
         for k, motion in enumerate(some):
             if name not in hands:
                 continue
-            own = {work.task_of(name, k)}
+            own = {times.task_of(name, k)}
             if motion.touches or motion.events or motion.skill:
                 busy[name] |= own
-            meanwhile = own | work.of_others(name, motion.t_s[0], motion.t_s[-1])
+            meanwhile = own | times.of_others(name, motion.t_s[0], motion.t_s[-1])
             for thing, hand in product(motion.touches, hands[name]):
                 tasks[frozenset((hand, thing))] |= meanwhile
     found = [
@@ -77,7 +77,7 @@ def intended_contacts(
     return tuple(found)
 
 
-class _Work:
+class _TaskTimes:
     """Tasks in progress at the times of the plan."""
 
     def __init__(self, plan: OpenPlan, graph: TemporalPlanGraph) -> None:
@@ -101,7 +101,7 @@ class _Work:
         return int(self._task[name][k])
 
     def around(self, name: str, motion: OpenMotion, t: float) -> set[int]:
-        """Return the tasks at a time: two at a border."""
+        """Return the tasks of a robot at a time; where one ends and the next begins, both."""
         _, k = self._number[motion.id]
         near = {k}
         if t <= motion.t_s[0] + _TICK and k > 0:
@@ -111,7 +111,7 @@ class _Work:
         return {self.task_of(name, n) for n in near}
 
     def during(self, name: str, begin: float, end: float) -> set[int]:
-        """Return the tasks of a robot in some time, those on both sides of where it stands included."""
+        """Return the tasks of a robot in an interval; while it stands, the ones before and after count."""
         if name not in self._begins:
             return set()
         low = max(int(np.searchsorted(self._ends[name], begin + _TICK)) - 1, 0)
@@ -119,15 +119,15 @@ class _Work:
         return set(self._task[name][low : high + 1].tolist())
 
     def of_others(self, name: str, begin: float, end: float) -> set[int]:
-        """Return the tasks of all other robots in some time."""
+        """Return the tasks of all other robots in an interval."""
         others = (other for other in self._begins if other != name)
         return {task for other in others for task in self.during(other, begin, end)}
 
 
-def _held(
+def _add_held_contacts(
     tasks: dict[frozenset[str], set[int]],
-    work: _Work,
-    changes: Sequence[ForeignChange],
+    times: _TaskTimes,
+    changes: Sequence[Transfer],
     hands: dict[str, list[str]],
 ) -> None:
     """Add the contacts of hands with held objects."""
@@ -139,28 +139,28 @@ def _held(
 
     for change in changes:
         thing, motion = change.event.object, change.motion
-        own = work.around(change.owner, motion, change.event.t_s)
+        own = times.around(change.owner, motion, change.event.t_s)
         span = motion.t_s[0], motion.t_s[-1]
         if change.before is not None:
             since = taken.pop(thing, 0.0)
-            add(change.before, thing, work.during(change.before, since, change.t))
+            add(change.before, thing, times.during(change.before, since, change.t))
             add(change.before, thing, own)
         if change.now not in (None, Handling.GONE):
             taken[thing] = change.t
             add(str(change.now), thing, own)
         if change.before is not None and change.now not in (None, Handling.GONE):
-            both = work.of_others("", *span)
+            both = times.of_others("", *span)
             add(change.before, thing, both)
             add(str(change.now), thing, both)
     for thing, since in taken.items():
         holder = next(c.now for c in reversed(changes) if c.event.object == thing)
-        add(str(holder), thing, work.during(str(holder), since, np.inf))
+        add(str(holder), thing, times.during(str(holder), since, np.inf))
 
 
 def _add_neighbour_contacts(
     tasks: dict[frozenset[str], set[int]],
-    work: _Work,
-    planned: ForeignExecution,
+    times: _TaskTimes,
+    planned: OpenPlanExecution,
     world: AuditWorld,
     touch: float,
 ) -> None:
@@ -174,7 +174,7 @@ def _add_neighbour_contacts(
             neighbours.leave(row.object)
     for change in planned.changes:
         thing = change.event.object
-        own = work.around(change.owner, change.motion, change.event.t_s)
+        own = times.around(change.owner, change.motion, change.event.t_s)
         if change.before is None and change.event.verb != "appear":
             touched = set(neighbours.of(thing, change.pose))
         elif change.rests is not None:
@@ -222,7 +222,7 @@ class _Neighbours:
     def _boxes(
         self, name: str, pose: Transform
     ) -> list[tuple[WatchedShape, Transform, Transform]]:
-        """Return the shapes of something with the middle and half edges of upright boxes around them."""
+        """Return the shapes of an entity, each with centre and half edges of its axis-aligned bounding box."""
         out = []
         for shape in self._shapes[name]:
             at = shape.at(pose)

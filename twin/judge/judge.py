@@ -26,16 +26,16 @@ from twin.durations.model import DurationModel
 from twin.host.atomic_files import finite_or_none
 from twin.host.progress import Report, report_nothing
 from twin.judge.delays import CircularWaitsError, delayed_spans
-from twin.judge.foreign_execution import (
-    ForeignExecution,
+from twin.judge.intended_contacts import intended_contacts
+from twin.judge.open_plan import OpenMotion, OpenPlan, read_open_plan
+from twin.judge.open_plan_execution import (
     MotionSpan,
-    build_foreign_execution,
+    OpenPlanExecution,
+    build_open_plan_execution,
     makespan_s,
     planned_spans,
 )
-from twin.judge.foreign_graph import build_foreign_graph, cell_for
-from twin.judge.intended_contacts import intended_contacts
-from twin.judge.open_plan import OpenMotion, OpenPlan, read_open_plan
+from twin.judge.open_plan_graph import build_open_plan_graph, cell_for
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
@@ -49,12 +49,12 @@ DELAYED = "delays"
 _ROUNDING = 1e-6
 """Share of a limit by which it may be exceeded."""
 
-_SKILLS_OF = {
+_SKILLS_OF_TRANSFER = {
     "take": ("pick", "handover", TaskKind.TAKE_TOOL),
     "put": ("place-down", "place-up", TaskKind.LEAVE_TOOL),
     "give": ("handover",),
 }
-"""What work may be called in which something changes hands; the first, where it is called otherwise."""
+"""Skills that may contain each kind of transfer; the first one is assumed where a motion names another."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class DelayedRun:
     Attributes:
         seed: of the delays.
         makespan_s: end of the last motion [s].
-        contacts: times that two things touched that may not.
-        findings: all that the audit found.
+        contacts: number of forbidden contacts.
+        findings: all findings of the audit.
     """
 
     seed: int
@@ -80,14 +80,14 @@ class Judgement:
 
     Attributes:
         scenario: name of the task.
-        planner: who made the plan.
-        planning_cpu_s: as its maker says [s].
-        waits: whether it says what waits for what.
-        planned_s: end of the last motion by its own times [s].
-        findings: what is wrong with it at its own times.
-        min_distance_m: least distance of two robots then [m].
-        engine: that distances were measured with.
-        delayed: as executed under delays, one a seed.
+        planner: name of the planner.
+        planning_cpu_s: CPU time of planning, as the plan states it [s].
+        waits: whether the plan states which motions wait for which.
+        planned_s: end of the last motion at its planned times [s].
+        findings: violations at its planned times.
+        min_distance_m: least distance of two robots at its planned times [m].
+        engine: engine that measured the distances.
+        delayed: executions under delays, one for each seed.
     """
 
     scenario: str
@@ -102,7 +102,7 @@ class Judgement:
 
     @property
     def clean(self) -> bool:
-        """Whether it has no violations, at its own times and under delays."""
+        """Whether it has no violations, at its planned times and under delays."""
         return not self.findings and not any(run.findings for run in self.delayed)
 
     @property
@@ -156,8 +156,8 @@ def judge(
     Args:
         plan: its file.
         scenario: its task; by default the one that the file names.
-        seeds: how many executions under delays are looked at.
-        engine: to measure with; by default PyBullet where it is installed, else coal.
+        seeds: number of executions under delays.
+        engine: engine that measures distances; by default PyBullet where it is installed, else coal.
         progress: receives the progress.
 
     Raises:
@@ -192,7 +192,7 @@ def judge(
 
 
 def named_scenario(content: OpenPlan, path: Path) -> Path:
-    """Return the scenario that a plan names: one that comes with the program, or a file seen from its own.
+    """Return the scenario that a plan names: a shipped one, or a file relative to the plan's.
 
     Raises:
         RequestError: it names none.
@@ -214,13 +214,13 @@ class JudgedPlan:
         plan: the plan.
         path: its file.
         scenario: its task.
-        engine: to measure with.
+        engine: engine that measures distances.
 
     Attributes:
-        plan: see there.
-        engine: that distances are measured with.
-        rules: how fast and for how long robots work.
-        world: the cell as it is measured in.
+        plan: the plan.
+        engine: engine that measures distances.
+        rules: limits of speeds and durations.
+        world: the cell in which distances are measured.
 
     Raises:
         InvalidScenarioError: the plan does not fit the scenario.
@@ -247,16 +247,20 @@ class JudgedPlan:
         cell = replace(cell, objects=(*cell.objects, *more))
         cell = cell_for(plan, path, cell, sections.assembly)
         self.rules = WorkRules(sections, scenario.folder, cell)
-        bare = build_foreign_graph(plan, cell)
+        bare = build_open_plan_graph(plan, cell)
         self.world = AuditWorld(cell)
         tools = self._wanted.tools
-        planned = build_foreign_execution(plan, self.world, tools, planned_spans(plan))
+        planned = build_open_plan_execution(
+            plan, self.world, tools, planned_spans(plan)
+        )
         allowed = intended_contacts(plan, bare, self.world, planned, self._wanted)
         self._graph = replace(bare, allowed=allowed)
 
-    def executed(self, spans: Mapping[str, MotionSpan]) -> ForeignExecution:
+    def executed(self, spans: Mapping[str, MotionSpan]) -> OpenPlanExecution:
         """Return the execution with given times of motions."""
-        return build_foreign_execution(self.plan, self.world, self._wanted.tools, spans)
+        return build_open_plan_execution(
+            self.plan, self.world, self._wanted.tools, spans
+        )
 
     def audit_spans(
         self, spans: Mapping[str, MotionSpan], progress: Report = report_nothing
@@ -297,12 +301,12 @@ class JudgedPlan:
 
 
 class WorkRules:
-    """Speeds and durations of work by a scenario.
+    """Speed limits and least durations of motions, as a scenario states them.
 
     Args:
-        scenario: says so.
-        folder: where relative paths in it start.
-        cell: of it.
+        scenario: the scenario.
+        folder: base of relative paths in it.
+        cell: its cell.
     """
 
     def __init__(self, scenario: Scenario, folder: Path, cell: Workcell) -> None:
@@ -313,8 +317,8 @@ class WorkRules:
             self._sum = scenario.planning.l1_rad_s
 
     def stretch(self, name: str, motion: OpenMotion, u: float) -> float | None:
-        """Return the stretch factor of work at a quantile; None for a plain move."""
-        model = next(iter(self._works(name, [motion]).values()), None)
+        """Return the stretch factor of a skill's motion at a quantile; None for a motion without a skill."""
+        model = next(iter(self._skill_models(name, [motion]).values()), None)
         if model is None or model.mean <= 0.0:
             return None
         return float(model.ppf(np.array([u]))[0] / model.mean)
@@ -322,11 +326,11 @@ class WorkRules:
     def violations(
         self, plan: OpenPlan, spans: Mapping[str, MotionSpan]
     ) -> Iterator[Violation]:
-        """Yield motions that are too fast, work that is too short, and missed waits.
+        """Yield motions that are too fast, skills that are too short, and missed waits.
 
         Args:
-            plan: what is executed.
-            spans: when, by motion.
+            plan: the executed plan.
+            spans: times of its motions, by id.
         """
         ends = {
             motion.id: spans[motion.id].end(motion) for _, _, motion in plan.placed()
@@ -345,15 +349,15 @@ class WorkRules:
             for _, group in groupby(some, lambda motion: motion.task or motion.id):
                 yield from self._too_short(name, list(group), spans)
 
-    def _works(
+    def _skill_models(
         self, name: str, group: Sequence[OpenMotion]
     ) -> dict[str, DurationModel]:
-        """Return the skills of a piece of work, with names and transfers."""
+        """Return the duration models of the skills in consecutive motions, by name: named ones and transfers."""
         found: dict[str, DurationModel] = {}
         for motion in group:
             done = [(motion.skill, motion.object)]
             for event in motion.events:
-                called = _SKILLS_OF.get(event.verb, (motion.skill,))
+                called = _SKILLS_OF_TRANSFER.get(event.verb, (motion.skill,))
                 if motion.skill not in called:
                     done.append((called[0], event.object))
             for skill, thing in done:
@@ -384,7 +388,7 @@ class WorkRules:
     def _too_short(
         self, name: str, group: list[OpenMotion], spans: Mapping[str, MotionSpan]
     ) -> Iterator[Violation]:
-        works = self._works(name, group)
+        works = self._skill_models(name, group)
         least = sum(model.mean for model in works.values())
         took = sum((m.t_s[-1] - m.t_s[0]) * spans[m.id].factor for m in group)
         if took < least * (1.0 - _ROUNDING) - 1e-6:

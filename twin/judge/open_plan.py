@@ -102,7 +102,7 @@ class OpenMotion(Section):
 
     Attributes:
         id: unique in the file; others name it in ``after``.
-        t_s: times of the rows, never falling; a machine has two, when its work begins and ends [s].
+        t_s: times of the rows, non-decreasing; a machine has two, when its work begins and ends [s].
         q: joint values of each row, in the order of ``joints``; robots only [rad or m].
         v: joint speeds of each row: the motion between two rows is then the cubic in time that has q and v of
             both; without it a straight line.

@@ -1,4 +1,4 @@
-"""Nodes of an execution begun and completed by drivers' reports, with measured samples."""
+"""Execution of nodes by drivers: start and end times from their reports, and measured samples."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from twin.live.messages import Report
 from twin.runs.execution_record import Measured
 from twin.uncertainty.node_times import NodeTimes
 
-_SAME_CLOCK_S = 60.0
-"""Accuracy of a run's start from the age of its log; beyond, the machine's clock was reset [s]."""
+_CLOCK_TOLERANCE_S = 60.0
+"""Largest difference of two estimates of the start of a run; at more the clock was reset [s]."""
 
 _MISSING_S = 2.0
 """Longest wait for announced samples of a report [s]."""
 
 
 class ReportedNodes:
-    """Nodes that are begun and complete when drivers report it; those of machines are simulated.
+    """Executes nodes: those of robots as their drivers report, those of machines in simulation.
 
     Attributes:
         links: state of the protocol of each driver, by robot.
@@ -37,9 +37,9 @@ class ReportedNodes:
         updates: events triggered by the next report of each.
         log: file of samples.
         history: history of the log, where the dispatcher was restarted.
-        wall_s: returns the time, counted from anywhere [s].
-        pace: how many times as fast as the clock the run's time goes.
-        begin_s: when the run began, by that clock [s].
+        wall_s: clock with any origin; returns the time [s].
+        pace: seconds of the run per second of the clock.
+        begin_s: start of the run, by that clock [s].
 
     Args:
         execution: the run.
@@ -61,16 +61,16 @@ class ReportedNodes:
         since_s = history.since_ns / NANOSECONDS if history else 0.0
         self.begin_s, self.pace = clock() - since_s / pace, pace
         self.states: dict[str, DriverState] = {}
-        self._missing_s: dict[str, float] = {}
+        self._missing_since_s: dict[str, float] = {}
         self.updates = {name: execution.env.event() for name in links}
         self._rows = {name: MeasuredRows() for name in links}
         self._acts = actuation_nodes(execution.tpg)
         self.log, self.history = log, history
         execution.release_hooks.append(self._released)
         if history is not None:
-            self._remember(history)
+            self._restore(history)
 
-    def _remember(self, history: History) -> None:
+    def _restore(self, history: History) -> None:
         """Restore the state of a log."""
         for k, chain in enumerate(self._cell.tpg.chains):
             cleared, done = history.cleared_ns[k], history.end_ns[k]
@@ -95,7 +95,7 @@ class ReportedNodes:
                 if node < self._cell.released[k]:  # it had waited long enough
                     self._cell.dispatcher.lift(source, (k, node))
         begin_s = self.log.begin_s()
-        if begin_s is not None and abs(begin_s - self.begin_s) < _SAME_CLOCK_S:
+        if begin_s is not None and abs(begin_s - self.begin_s) < _CLOCK_TOLERANCE_S:
             self.begin_s = begin_s
         sizes = {
             chain.robot: (len(chain.start), len(history.cleared_ns[k]))
@@ -149,26 +149,26 @@ class ReportedNodes:
         return self._run_ns(self.wall_s())
 
     def _run_ns(self, at_s: float) -> int:
-        """Return the time of the run at a time by the clock [ns]."""
+        """Convert a time of the clock to a time of the run [ns]."""
         return round((at_s - self.begin_s) * self.pace * NANOSECONDS)
 
     def note(self, report: Report, state: DriverState) -> None:
-        """Keep the samples of a report."""
+        """Store the samples and node times of a report."""
         name, now_s = report.robot, self.wall_s()
         link = self.links[name]
         if (samples := link.samples(report)) is not None:
-            self._missing_s.pop(name, None)
-        elif now_s - self._missing_s.setdefault(name, now_s) <= _MISSING_S:
+            self._missing_since_s.pop(name, None)
+        elif now_s - self._missing_since_s.setdefault(name, now_s) <= _MISSING_S:
             return
-        self._keep_samples(
+        self._store_samples(
             name, link.state_alone(report) if samples is None else samples
         )
-        # Without samples, as after a restart of the driver, only the event is known, not its time.
+        # Without samples, as after a restart of the driver, nodes are known to be done, but not since when.
         begun = max(state.begun, link.failed + 1)
         self._rows[name].note(self.passed_ns(), begun, state.done)
 
-    def _keep_samples(self, name: str, samples: Sequence[Sample]) -> None:
-        """Keep samples, with the corners of the path between those that were lost."""
+    def _store_samples(self, name: str, samples: Sequence[Sample]) -> None:
+        """Store samples; lost ones in between are replaced by the corners of the path."""
         link, rows = self.links[name], self._rows[name]
         path = link.cleared, rows.cleared_ns, link.start
         for sample in samples:
@@ -183,7 +183,7 @@ class ReportedNodes:
     # Robots
 
     def link(self, chain: int) -> Link | None:
-        """Return the link of a chain's driver; None of a machine."""
+        """Return the link of a chain's driver; None for a machine."""
         return self.links.get(self._cell.tpg.chains[chain].robot)
 
     def _released(self, chain: int, node: int) -> None:
@@ -195,7 +195,7 @@ class ReportedNodes:
     def _clear(
         self, link: Link, chain: int, node: int, *, passed: bool = False
     ) -> None:
-        """Clear a node, after the tool action of another robot in it."""
+        """Clear a node for a driver, and register the tool action of another robot within it."""
         about = self._cell.tpg, chain, node, self._acts[chain]
         if (other := tool_order_of_node(*about)) is not None and not passed:
             link.awaited.append(AwaitedActuation(node, *other))
@@ -232,7 +232,7 @@ class ReportedNodes:
                 words = self.states[name].words
                 self._cell.narrator.emit("failed", chain, node, detail=words)
             return True
-        self._conclude(chain, node)
+        self._complete(chain, node)
         self._cell.end[chain][node] = rows.end_ns[node]
         return False
 
@@ -240,9 +240,9 @@ class ReportedNodes:
         """Execute the rest of a node without a driver that began before the dispatcher's restart."""
         end_ns = self._simulated.motion_end(chain, node, self._cell.start[chain][node])
         yield self._cell.env.timeout(max(end_ns - self._cell.now_ns, 0))
-        self._conclude(chain, node)
+        self._complete(chain, node)
 
-    def _conclude(self, chain: int, node: int) -> None:
+    def _complete(self, chain: int, node: int) -> None:
         """Report a node complete, with its handlings that are not logged yet."""
         if self._cell.narrator is not None:
             known = self.history.handled[chain, node] if self.history else 0

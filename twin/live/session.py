@@ -1,4 +1,4 @@
-"""A session: the drivers of all robots of a plan, and the ports of their execution."""
+"""Session with the drivers of all robots of a cell, through which one run moves real or simulated robots."""
 
 from __future__ import annotations
 
@@ -28,8 +28,11 @@ from twin.registry import DRIVERS
 if TYPE_CHECKING:
     from twin.live.service import Service
 
-_EVERY_S, _LEAST_S = 0.01, 0.001
-"""Time between reports of drivers in this process, in that of the run, and at least by the clock [s]."""
+_REPORT_EVERY_S = 0.01
+"""Time of the run between reports of a driver in this process [s]."""
+
+_LEAST_INTERVAL_S = 0.001
+"""Least time by the clock between such reports [s]."""
 
 
 @dataclass(frozen=True)
@@ -47,13 +50,13 @@ class Session:
     folder: Path = Path()
 
     def content(self) -> dict[str, Any]:
-        """Return its entry in a manifest."""
+        """Return the session as an entry of a manifest."""
         folder = str(self.folder.resolve())
         return {"drivers": self.drivers.model_dump(mode="json"), "folder": folder}
 
     @classmethod
     def of(cls, name: str, content: Mapping[str, Any]) -> Session:
-        """Return the session of a manifest."""
+        """Return the session of an entry of a manifest."""
         drivers = DriversSection.model_validate_json(json.dumps(content["drivers"]))
         return cls(name, drivers, Path(content["folder"]))
 
@@ -64,13 +67,13 @@ class Session:
         measured: Path | None = None,
         history: History | None = None,
     ) -> Ports:
-        """Return the ports of the run: robots moved by drivers.
+        """Return the ports of an execution whose robots are moved by the drivers.
 
         Args:
             cell: with the robots.
             written: flushes all events to the disk.
             measured: file to which samples are written.
-            history: history of the log, where the dispatcher is restarted.
+            history: of an earlier dispatcher's log, which this run continues; None for a new run.
         """
         links, wires = {}, dict[str, Wire]()
         service = self._service()
@@ -86,7 +89,7 @@ class Session:
                 link.ahead_s = None
                 wires[robot.name] = LocalWire(
                     DriverEnd(self.driver(robot), robot.name, new_instance_number()),
-                    max(_EVERY_S / self.drivers.pace, _LEAST_S),
+                    max(_REPORT_EVERY_S / self.drivers.pace, _LEAST_INTERVAL_S),
                 )
         robots = partial(
             RemoteRobots,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from planning.errors import RequestError
 from twin.api.checked import check_if_installed
-from twin.api.runs import AnyPlan, Begun
+from twin.api.runs import AnyPlan, StartCallback
 from twin.host.arguments import checks_arguments
 from twin.host.progress import Report, report_nothing
 from twin.operations.executor import OperatedExecutor
@@ -41,7 +41,7 @@ def operate(
     drivers: PathOrName | None = None,
     page: int | None = None,
     opened: Callable[[str], None] | None = None,
-    begun: Begun | None = None,
+    begun: StartCallback | None = None,
     progress: Report = report_nothing,
 ) -> RunResult:
     """Operate a cell: execute its plan in the twin, and replan after failures.
@@ -165,12 +165,12 @@ def operated_plan(
     Args:
         plan: the plan to study.
         variants: values of the varied keys.
-        shortcuts: most that are tried, in place of the scenario's.
+        shortcuts: maximum number of tried shortcuts; None for that of the scenario.
         failures: probability that an attempt fails, for skills without a rate in the scenario.
         progress: receives the progress of each stage.
 
     Raises:
-        RequestError: a part is late that cannot be.
+        RequestError: a late part is picked by no robot, or supports others.
         TwinError: there is no plan; see ``twin.plan``.
     """
     if not isinstance(plan, PlanResult):

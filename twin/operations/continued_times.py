@@ -1,4 +1,4 @@
-"""Node times of a revision that replaces an executed graph."""
+"""Node times of a plan revision that replaces the graph of a run in progress."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def continued_times(
     """Return the times of all nodes of a revision; those of committed nodes are unchanged.
 
     Args:
-        old: of the graph whose place it takes.
+        old: node times of the graph that it replaces.
         revision: the revision, with committed nodes and times of the others.
         end_ns: ends of the nodes of each chain of the old graph, -1 if not complete [ns].
     """
@@ -52,7 +52,7 @@ def continued_times(
             loses = own in new.lost
         node = old.failed[k] if k < len(old.failed) else -1
         if 0 <= node < count and end_ns[k][node] < 0:
-            # One that is still to fail comes before all that is new.
+            # A committed node that will fail comes before any new node.
             fails, loses = node, k in old.lost
         motion.append(np.concatenate(motions))
         overrides.append(np.concatenate(scaled))
@@ -62,7 +62,7 @@ def continued_times(
         lost |= {k} if loses else set()
     for k, node in enumerate(old.failed):
         if 0 <= node < revision.counts[k] and end_ns[k][node] >= 0:
-            # Nothing moved in it, because all attempts at its skill failed.
+            # All attempts at its skill failed, so it has no motion.
             motion[k][node] = 0
     return replace(
         old,

@@ -1,4 +1,4 @@
-"""Executor of operations, which replans after failures."""
+"""Executor of runs with replanning (``twin operate``): executes a plan and revises it after failures."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def require_unanswered(header: RunHeader, folder: Path) -> None:
     """Refuse to resume a run in which a person answered questions.
 
     Raises:
-        ResumeError: a person did.
+        ResumeError: a person answered.
     """
     if header.answered:
         raise ResumeError(
@@ -84,7 +84,7 @@ def plan_again(case: LoadedScenario, folder: Path) -> PlanResult:
     """Plan the start of a run again, with the data that replanning needs.
 
     Raises:
-        ResumeError: it is another one now.
+        ResumeError: the new plan differs from the saved one.
     """
     plan = plan_scenario(case, keep=True)
     if plan_sha256(plan.tpg) != plan_sha256(load_plan(folder / FIRST)):
@@ -111,7 +111,7 @@ def operate_plan(
     scenario, base = plan.scenario.sections, plan.scenario.folder
     model = scenario_execution(scenario, base)
     if ports is not None:
-        # Events come from drivers.
+        # With drivers, disturbances are real and not simulated.
         model = replace(model, disturbances=Disturbances())
     done = operate(
         scenario,

@@ -78,7 +78,7 @@ class FailureTriage:
         words, changes, reopened = [], [], dict[int, frozenset[str]]()
         for failure in trigger.failures:
             task = failed_task(tpg, failure)
-            change, fate = self._changes(tpg, trigger, failure, task)
+            change, fate = self._object_changes(tpg, trigger, failure, task)
             changes.append(change)
             self.ledger.tries[task.step, task.kind] += not failure.missing
             often = self.ledger.tries[task.step, task.kind]
@@ -91,7 +91,7 @@ class FailureTriage:
                 how = fate or "is left where it is"
                 how = "has not come yet" if failure.missing else how
                 words.append(f"step {task.step} is begun anew: {task.object} {how}")
-            elif (then := self._then(task)) == "scrap":
+            elif (then := self._reaction(task)) == "scrap":
                 self.ledger.give_up(task.step, f"{task.object} is scrapped")
                 reopened[task.step] = frozenset({task.robot})
                 words.append(f"step {task.step} is given up: {task.object} is scrapped")
@@ -125,10 +125,9 @@ class FailureTriage:
     def _processes_at(
         self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, task: Task
     ) -> list[Task]:
-        """Return the processes done to a part at its place before another one, in order of steps.
+        """Return the processes that were done to a part at its present place before another one, by step.
 
-        None of those that were done while the part was handled, as behind a door, which is shut once, nor of those
-        before; and none of steps that are not done any more.
+        Those since the part was last handled, apart from steps that are abandoned.
         """
         clock, counts = trigger.clock, trigger.released
         if clock is not None:
@@ -144,7 +143,7 @@ class FailureTriage:
         }
         return [works[k] for k in sorted(works.keys() - self.ledger.undone)]
 
-    def _then(self, task: Task) -> str:
+    def _reaction(self, task: Task) -> str:
         """Return the configured reaction to a process that has failed for good."""
         said = self.section.failures.get(task.kind)
         return "again" if said is None else said.then
@@ -167,7 +166,7 @@ class FailureTriage:
         about = self.person.seed, mine, [task.kind], number, [what], "failure"
         return float(uniforms(*about, index)[0][0])
 
-    def _found(
+    def _displacement(
         self,
         tpg: TemporalPlanGraph,
         trigger: ReplanTrigger,
@@ -196,7 +195,7 @@ class FailureTriage:
         poses = {**self.ledger.measured, name: pose}
         return found if self.allows(poses) else None
 
-    def _changes(
+    def _object_changes(
         self,
         tpg: TemporalPlanGraph,
         trigger: ReplanTrigger,
@@ -210,7 +209,7 @@ class FailureTriage:
         if failure.missing:
             self.ledger.unpickable.add(self.ledger.lost(name))
             return (), ""
-        # The held object does not change until its robot continues.
+        # A held object stays in the hand until its robot continues.
         state = world_state_after(tpg, cut_at(tpg, trigger, steps=False))
         at = state.attachments.get(name)
         if not failure.lost or at is None:
@@ -220,12 +219,12 @@ class FailureTriage:
         fate = self._object_outcome(task, held=at.holder is not None)
         words = fate.value
         if fate is ObjectOutcome.BESIDE:
-            if found := self._found(tpg, trigger, failure, task):
+            if found := self._displacement(tpg, trigger, failure, task):
                 self.ledger.measured[name] = found.pose
                 return (found,), _displacement_text(at.pose, found.pose)
             words = f"{words}, where nobody can pick it"
         self.ledger.gone.add(self.ledger.lost(name))
-        # A station presents the next one, whatever has become of this one.
+        # A station presents the next object, wherever this one is.
         coming = () if at.holder else _appearing_objects(task)
         if fate is not ObjectOutcome.LOST and not coming:
             return (), words  # it is still where it was
@@ -307,12 +306,12 @@ def dependent_steps(
 ) -> Mapping[int, frozenset[int]]:
     """Return the later steps that depend on a step, by number.
 
-    In them something touches its object where that is put, or would fall without it.
+    In these steps something touches the object at its place, or would fall without it.
 
     Args:
         tasks: of a plan.
         allowed: allowed contacts in them.
-        chosen: objects of steps that are not done are those of their choices.
+        chosen: choices, with the objects of steps that are not done.
         needs: supports without which parts fall, see ``Assembly.needs``.
     """
     tasks = tuple(tasks)

@@ -50,14 +50,14 @@ class Operation:
     """Result of an operation.
 
     Attributes:
-        tpg: all that was executed, and whatever is left of the last plan.
-        record: when.
-        versions: graphs that took the place of the first one.
-        given_up: steps that were not done, by number, with the reason.
-        dropped: steps that were not wanted any more, and not done, likewise.
-        out: robots that were out.
+        tpg: graph of all executed nodes, and of the rest of the last plan.
+        record: outcome and times of the execution.
+        versions: plan revisions, in order.
+        given_up: abandoned steps, by number, with the reason.
+        dropped: cancelled steps that were not done, likewise.
+        out: robots out of service.
         asks: questions to a person, and the answers.
-        scrapped: products that were not made whole though they were wanted, of several.
+        scrapped: wanted products that are incomplete, where there are several.
         partial: whether there are steps of the scenario that were not done, or a robot that is out holds something.
         ended: why the execution ended before its plan was complete; None where no such cause is known.
     """
@@ -80,7 +80,7 @@ class Operation:
 
     @property
     def planning_s(self) -> tuple[float, ...]:
-        """Processor seconds of planning each of these graphs."""
+        """Processor time of planning each revision [s]."""
         return tuple(version.cpu_s for version in self.versions)
 
     def content(self) -> dict[str, Any]:

@@ -104,6 +104,8 @@ class RecoveryState:
 class Planner(ABC, Generic[State]):
     """Recovery of one kind of assembly: maps a state and a replan trigger to a new state and a plan revision.
 
+    Implemented by ``twin.operations.recovery`` for steps, and by ``twin.kinds.construction.recovery``.
+
     Attributes:
         scenario: its recovery section sets limits and times.
         draw: times of new nodes.

@@ -1,7 +1,7 @@
 """Recovery of assemblies when a skill has failed for good, or a robot is out: the best of plans from several cuts.
 
-Retry the skill, or its step with another grip, object of the kind or robot, as the integer program
-chooses; else abandon the step with its dependents, and continue the rest.
+What happens after each failure is decided by ``failure_triage``: retry the skill; or its step, with another grip,
+object of the kind or robot, as the integer program chooses; or abandon the step with its dependents.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from twin.operations.step_window import StepWindow
 from twin.scenario.sections.scenario import Scenario
 
 _AS_PLANNED = ((CutPolicy(steps=True),), (CutPolicy(evade=True),))
-"""Where a plan is cut in which nothing has happened but that more steps come next."""
+"""Cuts of a plan that only needs more steps, without failures or outages."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Proposal:
         union, new: the extended graph, and its new part.
         at: the committed prefix.
         state: of the longer graph.
-        more: how many steps it gives up.
+        more: number of steps that it abandons.
     """
 
     union: TemporalPlanGraph
@@ -85,11 +85,11 @@ class Recovery(Planner[AssemblyState]):
         tpg: the first plan.
         draw: times of new nodes.
         person: answers questions before a step is abandoned.
-        gone: objects that are lost already.
+        gone: objects that were lost before.
         measured: measured poses of displaced parts.
         undone: steps abandoned before, by number, with the reason.
-        cuts: cuts from which plans are proposed, later ones only to avoid abandoning steps; of
-            all that the one that gives up least is chosen, and of these the one that is complete soonest.
+        cuts: groups of cuts from which plans are proposed, later groups only to avoid abandoning steps.
+            The proposal that abandons fewest steps is chosen, of several the one that ends first.
     """
 
     scenario: Scenario

@@ -25,9 +25,7 @@ from planning.worlds.world import World, robots_with_unfinished_steps, unfinishe
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import StageWatch
-from twin.operations.commitment import (
-    CommittedPrefix,
-)
+from twin.operations.commitment import CommittedPrefix
 from twin.operations.failure_triage import (
     dependent_steps,
     find_infeasible_steps,

@@ -30,13 +30,13 @@ from twin.operations.supply import LateSupply
 from twin.runs.events import EventCode
 
 _AFTER_ALL = EventPriority(10)
-"""Priority of events that consider all others at the same time."""
+"""Priority of events that happen after all others at the same time."""
 
 _AHEAD_NS = NANOSECONDS // 2
 """Time before the end of a robot's released nodes at which its next task is released: more than its braking time."""
 
 Keep = Callable[[int, TemporalPlanGraph], None]
-"""Keeps a revision of the plan, given its number, from 1, before any event of it is recorded."""
+"""Stores a revision of the plan, given its number from 1, before any event of it is recorded."""
 
 Hold = Callable[[TemporalPlanGraph], TemporalPlanGraph]
 """Returns a graph with edges that hold back tasks that open time windows."""
@@ -46,16 +46,16 @@ class RollingReplanner(Replanner):
     """Extends the graph of an execution whenever something has failed, or more steps are due.
 
     Attributes:
-        versions: graphs that took the place of the first one, in order.
-        planner, state: recovery, and its state of the graph that is executed.
+        versions: plan revisions that were executed, in order.
+        planner, state: planner of revisions, and its state for the executed graph.
 
     Args:
         execution: the run; its supply, if any, is a ``LateSupply``.
-        planner: plans the rest.
-        hold: holds back tasks that open time windows; by default none are.
-        far: whether robots are released as much as is safe; else no task long before it begins.
-        halting: whether all robots stop after their present tasks when something is to be planned.
-        keep: keeps each graph that takes over.
+        planner: planner of revisions.
+        hold: adds edges that hold back tasks that open time windows; by default none.
+        far: whether nodes are released as soon as they are safe; else tasks only shortly before they begin.
+        halting: whether all robots stop after their present tasks during replanning.
+        keep: stores each graph that takes over.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class RollingReplanner(Replanner):
         failed_ns = cell.now_ns
         missing = cell.supply is not None and bool(cell.supply.missing(chain, node))
         if cell.messages.report_ns:
-            # Until the message is there the robot is at work, for all that anybody knows.
+            # Until the message arrives, the robot counts as working.
             yield cell.env.timeout(cell.messages.report_ns)
         cell.end[chain][node] = failed_ns
         lost = not missing and chain in cell.times.lost
@@ -187,8 +187,8 @@ class RollingReplanner(Replanner):
     def _may_release(self, chain: int) -> bool:
         """Return whether the next node of a chain is committed and due.
 
-        Released nodes are not withdrawn and limit replanning: so no task is released long before
-            its time.
+        Released nodes are not withdrawn, which limits replanning, so no task is released long before
+        it begins.
         """
         cell, count = self._cell, self._cell.outstanding[chain]
         node, task = cell.released[chain], cell.task[chain]

@@ -1,4 +1,4 @@
-"""Cut of a run at some time, in whose state another plan begins: RUN@T."""
+"""Cut of a run at a time: the state from which a new plan continues, and the work that remains (``RUN@T``)."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.run_moment import RunMoment
 from twin.trial.run_result import RunResult
 
-_AWAY = 0.02
-"""Largest deviation of a robot from its planned rest; beyond, it was moved externally [rad or m]."""
+_MOST_DEVIATION = 0.02
+"""Largest deviation of a joint from the planned rest; with more, the robot was moved externally [rad or m]."""
 
 
 def cut_run(
@@ -29,13 +29,13 @@ def cut_run(
 ) -> RunRemainder:
     """Return the remainder of a run from a time on.
 
-    Every robot continues to the first border at which it is at rest and within no skill; the plan
-    begins in the world there.
+    Every robot continues to the end of the first node after which it is at rest and within no skill; the plan
+    begins in the world state that results.
 
     Args:
         case: scenario of the remaining plan.
         moment: when.
-        out: robots that do nothing any more from then on.
+        out: robots that are out of service from then on.
 
     Raises:
         RequestError: a robot cannot continue.
@@ -71,11 +71,11 @@ def cut_run(
         left_s,
         ago,
         str(moment),
-        _undone(run),
+        _skipped_steps(run),
     )
 
 
-def _undone(run: RunResult) -> dict[int, str]:
+def _skipped_steps(run: RunResult) -> dict[int, str]:
     """Return the abandoned or dropped steps of a run, by number, with the reason."""
     operation = run.summary.get("operation") or {}
     return {
@@ -90,9 +90,9 @@ def _first_rests(
 ) -> tuple[Counts, tuple[Failure, ...], dict[str, float], dict[int, float]]:
     """Return the number of nodes of each robot up to its first rest outside skills after a time.
 
-    With them come the skills that had failed by then, at the begin of which their robots stand, and for how
-    long machines are at work still when all robots are at rest, and how long before that tasks ended that opened
-    windows of time, by index [s].
+    Also returned are the skills that had failed by then, at whose start their robots stand; for how long each
+    machine still works once all robots are at rest; and how long before that each task ended that opens a time
+    window, by index of the task [s].
 
     Raises:
         RequestError: the run ended before that, or a robot was not where its plan has it.
@@ -126,7 +126,7 @@ def _first_rests(
             continue
         when = end[count - 1 : count] if count else np.zeros(1, dtype=np.int64)
         stood = run.motions[chain.robot].at(when)[0]
-        if (away := np.abs(stood - chain.stands_at(count)).max()) > _AWAY:
+        if (away := np.abs(stood - chain.stands_at(count)).max()) > _MOST_DEVIATION:
             raise RequestError(
                 f"{chain.robot!r} came to rest {away:.3g} rad or m from where its plan has it: who moved it?"
             )

@@ -1,4 +1,4 @@
-"""Web server of the page for browsers of this machine, closed to cross-site requests."""
+"""Web server of the page that shows a run, for browsers of this machine; it refuses cross-site requests."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _log = logging.getLogger(__name__)
 
 HOST = "127.0.0.1"
 _MOST_BYTES = 1000
-"""Of an order [B]."""
+"""Largest size of an order [B]."""
 
 _FORECAST_S, _SAMPLES = 2.0, 100
-"""Least time between two forecasts [s], and futures drawn for each."""
+"""Least time between two forecasts [s], and number of simulated futures of each."""
 
 _PAGE = Path(__file__).with_name("page.html")
-_POLICY = (
+_CONTENT_SECURITY_POLICY = (
     "default-src 'none'; style-src 'nonce-{0}'; script-src 'nonce-{0}'; connect-src 'self';"
     " img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
@@ -52,15 +52,15 @@ class PageServer:
     """Serves one page in a thread of its own.
 
     Attributes:
-        port, address: where it is.
-        token: that orders must carry.
-        hosts: as which requests may name this server.
+        port, address: port and URL of the page.
+        token: token that orders must contain.
+        hosts: host names under which requests may address this server.
 
     Args:
         panel: state shared with the run.
         model: execution model with durations of drivers, for forecasts; None for none.
-        port: of this machine, 0 for any that is free.
-        title: of the page.
+        port: port of this machine, 0 for any free one.
+        title: title of the page.
         log: event log of the run, served while it is written; None for none.
 
     Raises:
@@ -92,8 +92,10 @@ class PageServer:
         serve = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
         self._threads = [serve]
         if model is not None:
-            foresee = threading.Thread(target=self._foresee, args=[model], daemon=True)
-            self._threads.append(foresee)
+            update = threading.Thread(
+                target=self._update_forecast, args=[model], daemon=True
+            )
+            self._threads.append(update)
 
     @contextmanager
     def serving(self) -> Iterator[None]:
@@ -107,8 +109,8 @@ class PageServer:
             self._threads[0].join(timeout=5.0)
 
     async def _serve(self) -> None:
-        answers = (r"/(state|order|)", _Answers, {"server": self})
-        events = (r"/(events\.jsonl)", _Events, {"server": self})
+        answers = (r"/(state|order|)", _PageHandler, {"server": self})
+        events = (r"/(events\.jsonl)", _LogHandler, {"server": self})
         application = Application([answers, events], log_function=lambda _: None)
         server = HTTPServer(
             application,
@@ -123,8 +125,8 @@ class PageServer:
         await asyncio.sleep(2 * POLL_S)  # for the last events
         await server.close_all_connections()
 
-    def _foresee(self, model: ExecutionModel) -> None:
-        """Update the forecast repeatedly from the executed part."""
+    def _update_forecast(self, model: ExecutionModel) -> None:
+        """Update the forecast repeatedly from the executed part of the run."""
         before: NodesSoFar | None = None
         while not self._over.wait(_FORECAST_S):
             so_far = self._panel.so_far
@@ -166,7 +168,7 @@ class PageServer:
         """Pass an order to the run.
 
         Raises:
-            ValueError: it is invalid; the message says why.
+            ValueError: the order is invalid; the message says why.
         """
         given = json.loads(body)
         if not isinstance(given, dict):
@@ -189,7 +191,7 @@ class PageServer:
         self._panel.orders.put(Order(cast(Action, action), robot, asked))
 
 
-class _OwnPage(RequestHandler):
+class _SameOriginHandler(RequestHandler):
     """Handler that accepts requests of this page or of non-browsers only."""
 
     def initialize(self, server: PageServer) -> None:
@@ -210,7 +212,7 @@ class _OwnPage(RequestHandler):
             raise HTTPError(403)
 
 
-class _Events(_OwnPage):
+class _LogHandler(_SameOriginHandler):
     """Streams the log of the run from its first event until the run is over."""
 
     left = False
@@ -223,7 +225,7 @@ class _Events(_OwnPage):
             raise HTTPError(404)
         self.set_header("Content-Type", "application/jsonl; charset=utf-8")
         last = False
-        # Others are answered while it waits for more.
+        # Other requests are answered while this one waits for further lines.
         for line in lines_of_growing_file(self.server.log, poll_s=0.0):
             if line is not None:
                 self.write(f"{line}\n")
@@ -235,7 +237,7 @@ class _Events(_OwnPage):
             await asyncio.sleep(POLL_S)
 
 
-class _Answers(_OwnPage):
+class _PageHandler(_SameOriginHandler):
     """Serves the page and receives its orders."""
 
     def get(self, what: str) -> None:
@@ -245,7 +247,9 @@ class _Answers(_OwnPage):
         if what:
             raise HTTPError(405)
         nonce = secrets.token_urlsafe(12)
-        self.set_header("Content-Security-Policy", _POLICY.format(nonce))
+        self.set_header(
+            "Content-Security-Policy", _CONTENT_SECURITY_POLICY.format(nonce)
+        )
         about = json.dumps({"token": self.server.token, "title": self.server.title})
         text = _PAGE.read_text(encoding="utf-8").replace("NONCE", nonce)
         self.finish(text.replace("ABOUT", about.replace("<", "\\u003c")))

@@ -1,4 +1,4 @@
-"""Robot models of a scenario: with its tools, flanges, limits and held joints."""
+"""Robot models with what a scenario adds to them: tools, flanges, limits and fixed joints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from twin.scenario.sections.shapes import ShapeSection, to_planning_class
 def fitted_model(
     robot: RobotSection, tools: Mapping[str, ToolSection], folder: Path
 ) -> RobotModel:
-    """Return a robot model with the cell's additions; without a tool if the robot changes tools.
+    """Return a robot model with the scenario's additions; without a tool if the robot changes tools.
 
     Args:
         robot: of the cell.

@@ -1,4 +1,4 @@
-"""Recorders of the events of a run (none can stop it): in a file, in memory."""
+"""Recorders of the events of a run, in a file or in memory; a recorder that fails does not stop the run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 
 class Recorder(Protocol):
-    """Recorder: receives every event, in order."""
+    """Receives every event of a run, in order."""
 
     def record(self, event: Event) -> None:
         """Record an event."""
@@ -67,7 +67,7 @@ def _warn(recorder: Recorder, error: Exception, where: str) -> None:
 
 
 class JsonlRecorder:
-    """Appends every event to a file immediately: a killed run leaves a readable log."""
+    """Appends every event to a file immediately, so that the log of a killed run is readable."""
 
     def __init__(self, path: Path, kept: int = 0) -> None:
         """Open a log and lock it.
@@ -123,7 +123,7 @@ class JsonlRecorder:
                 self._file.close()
 
     def require_whole(self) -> None:
-        """Refuse a log that lacks an event.
+        """Check that no event is missing in the log.
 
         Raises:
             OutputError: some event, or the end of the file, could not be written.

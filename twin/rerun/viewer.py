@@ -105,7 +105,7 @@ def _started(
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a viewer: the program is a shim, the viewer proper is its child, in the same group."""
+    """Terminate a viewer with its process group: the ``rerun`` program is a wrapper that starts the viewer."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGTERM)
 
@@ -154,14 +154,14 @@ def render_stills(
             ]
     finally:
         if made:
-            with suppress(OSError):  # there are stills in it
+            with suppress(OSError):  # keep the folder if it has stills
                 folder.rmdir()
 
 
 def _render_still(client: Any, time_s: float, folder: Path, *, first: bool) -> Path:
     client.set_time(TIMELINE, duration=float(time_s), play_state="paused")
     picture = (folder / f"still_{time_s:09.3f}.png").resolve()
-    # The viewer answers before it has drawn everything, most of all the first time.
+    # The viewer answers before it has drawn everything; the first picture takes longest.
     time.sleep(_FIRST_SETTLE_S if first else _SETTLE_S)
     if first:
         client.save_screenshot(str(picture))
@@ -213,8 +213,8 @@ def _headless_viewer(recording: Path) -> Iterator[Any]:
             yield _connected(process, port)
         except Exception as error:
             raise ViewerError(
-                f"no picture was drawn: {' '.join(command)} {_state(process)} after"
-                f" {time.monotonic() - begin:.0f} s: {error}. Its last words: {_last_words(log)}. It needs a"
+                f"no picture was drawn: {' '.join(command)} {_exit_state(process)} after"
+                f" {time.monotonic() - begin:.0f} s: {error}. Its last words: {_last_message(log)}. It needs a"
                 " Vulkan driver, of which a software one such as Mesa's lavapipe (mesa-vulkan-drivers)"
                 f" is enough; 'rerun {recording}' on a computer with a display shows the recording"
             ) from error
@@ -223,12 +223,12 @@ def _headless_viewer(recording: Path) -> Iterator[Any]:
             process.wait(timeout=20)
 
 
-def _state(process: subprocess.Popen[bytes]) -> str:
+def _exit_state(process: subprocess.Popen[bytes]) -> str:
     code = process.poll()
     return "did not answer" if code is None else f"ended with exit code {code}"
 
 
-def _last_words(log: Path) -> str:
+def _last_message(log: Path) -> str:
     """Return the panic message of a viewer, else the last line of its log."""
     lines = [
         line for line in log.read_text(errors="replace").splitlines() if line.strip()

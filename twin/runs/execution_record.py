@@ -33,7 +33,7 @@ class Measured(NamedTuple):
     """Measured configurations of a robot.
 
     Attributes:
-        t_ns: shape (rows,), never falling [ns].
+        t_ns: shape (rows,), non-decreasing [ns].
         q: joint positions, shape (rows, n) [rad or m].
         node: node that each row belongs to, shape (rows,); -1 before the first.
     """

@@ -1,4 +1,4 @@
-"""Names of policies (plan and release), the same in every command, table and file."""
+"""Names of policies, each of a plan and a release of its nodes, for commands, tables and files."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ SHORTENED = "shortened"
 IN_SLOTS = "in slots"
 SLOTS_SHORTENED = "in slots, shortened"
 AT_ONCE = "at once"
-"""Plans: one task after another; the same with a better order of tasks and shortcuts; in slots;
-these shortened; and in space and time, as constructions are."""
+"""Plans: one task after another; that one with a better order of tasks and shortcuts; in slots; in slots with
+shortcuts; and in space and time, as for constructions."""
 
 WHOLE_PLANS = {SHORTENED: IN_TURNS, SLOTS_SHORTENED: IN_SLOTS}
-"""The plan that each of those with shortcuts is made of."""
+"""Base plan of each plan with shortcuts."""
 
 SEQUENTIAL = "sequential"
 SYNCHRONOUS = "synchronous"
@@ -54,7 +54,7 @@ NAMED_POLICIES = {
 
 
 def named_policies() -> dict[str, NamedPolicy]:
-    """Return what each policy name means, those of registered releases last."""
+    """Return what each policy name means, with registered policies last."""
     found = dict(NAMED_POLICIES)
     for release in POLICIES.names():
         if release not in POLICIES.own:
@@ -71,8 +71,7 @@ def _letters(text: str) -> str:
 def parse_policy_name(text: str) -> str:
     """Return the policy name that a text spells, whatever case or separators.
 
-    Blanks and capitals do not matter, nor the plural: ``asynchronous+shortcut`` is
-    ``asynchronous + shortcuts``.
+    A plural s is ignored, too: ``asynchronous+shortcut`` is ``asynchronous + shortcuts``.
 
     Raises:
         RequestError: there is no such policy.

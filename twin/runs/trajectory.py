@@ -20,7 +20,7 @@ class Trajectory:
 
     Attributes:
         robot: its name.
-        t_ns: shape (rows,), never falling, from 0 to the makespan [ns].
+        t_ns: shape (rows,), non-decreasing, from 0 to the makespan [ns].
         q: configurations, shape (rows, n).
         node: node of the robot that each row belongs to, shape (rows,); -1 before the first.
         v: joint speeds, shape (rows, n) [rad/s or m/s]; None where robots are at full speed at

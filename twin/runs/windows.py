@@ -17,7 +17,7 @@ from twin.runs.execution_record import ExecutionRecord
 def window_summary(
     tpg: TemporalPlanGraph, run: ExecutionRecord
 ) -> list[dict[str, Any]]:
-    """Return the time windows of a run for ``summary.json``; None where they did not happen."""
+    """Return the time windows of a run for ``summary.json``; with None for times of windows that were not reached."""
     if not tpg.windows:
         return []
     start, end = np.concatenate(run.start_ns), np.concatenate(run.end_ns)

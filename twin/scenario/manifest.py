@@ -28,7 +28,7 @@ RESULTS = (
     *("plans", "blocks", "prevented", "audits", "journal.jsonl", "samples"),
     *("summary.json", "compare.json"),
 )
-"""Files and folders of results that are read back, or gone on with."""
+"""Files and folders of results that are read again, or needed to resume."""
 
 
 def write_manifest(

@@ -1,6 +1,6 @@
 """``twin.study``: many replications of a plan under uncertainty, with statistics.
 
-``twin.compare``: its preset with one plan and one replication a seed, under every policy.
+``twin.compare`` is a study with one plan and one replication for each seed, under every policy.
 """
 
 from __future__ import annotations

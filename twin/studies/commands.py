@@ -1,4 +1,8 @@
-"""``twin study`` and ``twin compare``: many runs of a scenario, with statistics."""
+"""``twin study`` and ``twin compare``: many runs of a scenario, with statistics.
+
+Replications are executed in ``twin.studies.replications.runner``. Confidence intervals of means, quantiles
+and shares are computed in ``twin.studies.replications.statistics``.
+"""
 
 from __future__ import annotations
 

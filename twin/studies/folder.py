@@ -62,7 +62,7 @@ class RefusedLayout:
 
     Attributes:
         layout: values of the keys that a plan depends on.
-        reason: why not.
+        reason: the reason.
     """
 
     layout: Variant
@@ -75,12 +75,12 @@ class StudyRequest:
 
     Attributes:
         scenario: the studied scenario.
-        base: where relative paths of the scenario start.
+        base: base of relative paths in the scenario.
         experiment: policies, varied inputs, replications.
-        candidates: shortcuts tried, where a policy takes them.
-        deadline_s: ask how likely the run is over by then [s], None not to.
-        sobol_points: of the sample for Sobol indices, 0 for none.
-        plan: folder of the run whose plan is studied; empty where it was planned for the study.
+        candidates: number of shortcuts tried, for policies with shortcuts.
+        deadline_s: deadline whose probability of being met is estimated [s], None for none.
+        sobol_points: number of points of the sample for Sobol indices, 0 for none.
+        plan: folder of the run whose plan is studied; empty if it was planned for the study.
         refused: requested layouts that cannot be planned.
         operated: whether replications replan after failures.
 

@@ -1,4 +1,4 @@
-"""Sensitivity of the makespan to inputs of a plan: tornado, and Sobol indices."""
+"""Sensitivity of the makespan to inputs of a plan: effects of single inputs (tornado chart), and Sobol indices."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ from twin.studies.replications.workload import Engines, Workload
 from twin.uncertainty.chain_draws import RobotTaskNodes
 
 SHARE = 0.2
-"""Inputs are made this much smaller and larger."""
+"""Share by which inputs are made smaller and larger."""
 
 _TORNADO, _TORNADO_BY_EVENTS = 200, 30
-"""Replications of each input and direction, with the draws of the study's first ones."""
+"""Number of replications for each input and direction, with the draws of the study's first replications."""
 
-_LEAST, _MOST_LOOKED_AT = 20, 4_000_000
-"""Fewest replications of a long plan; beyond that, nodes and edges of all of them together."""
+_FEWEST_REPLICATIONS, _MOST_PROCESSED = 20, 4_000_000
+"""Least number of replications, and the number of nodes and edges of all replications that is otherwise kept."""
 
 _RESAMPLES = 1000
 """Resamples of the bootstrap of Sobol indices."""
 
 _SOBOL = 50
-"""Replications of each combination of inputs; all of them see the same draws."""
+"""Number of replications of each combination of inputs, with the same draws for all."""
 
 INFLUENCES = "effects of inputs"
 SENSITIVITY = "Sobol indices"
 """Names of the stages for progress displays."""
 
 Scaled = Callable[[Workload, float], Workload]
-"""Returns the work with an input multiplied by a factor."""
+"""Returns the workload with an input multiplied by a factor."""
 
 
 class Influence(Figures):
@@ -94,9 +94,12 @@ def study_inputs(load: Workload) -> Mapping[str, Scaled]:
         if skill in kinds
     }
     durations = load.execution.durations
-    acts = {key[0] for key in durations.actuations}
-    acts &= set(durations.bind(load.tpg).skills)
-    found |= {f"time to {act}": partial(_with_act, act=act) for act in sorted(acts)}
+    actuations = {key[0] for key in durations.actuations}
+    actuations &= set(durations.bind(load.tpg).skills)
+    found |= {
+        f"time to {actuation}": partial(_with_actuation, actuation=actuation)
+        for actuation in sorted(actuations)
+    }
     machines = load.tpg.machine_chains()
     for k, chain in enumerate(load.tpg.chains):
         if k in machines:
@@ -112,14 +115,14 @@ def input_influences(
 ) -> list[Influence]:
     """Return the effects of the inputs on the mean makespan, the strongest first.
 
-    One input at a time is smaller and larger by SHARE.
+    One input at a time is made smaller and larger by SHARE.
 
     Args:
-        load: the work of one cell.
-        confidence: of the intervals.
+        load: the workload of one cell.
+        confidence: confidence level of the intervals.
         antithetic: whether replications are mirrored pairs, see ``mean_interval``.
     """
-    affordable = max(_LEAST, _MOST_LOOKED_AT // max(replay_cost(load), 1))
+    affordable = max(_FEWEST_REPLICATIONS, _MOST_PROCESSED // max(replay_cost(load), 1))
     most = _TORNADO_BY_EVENTS if load.reasons else _TORNADO
     block = Block(0, 0, min(most, affordable))
     base = makespans_s(load, block)
@@ -161,12 +164,12 @@ def sobol_indices(
     et al. 2010). Intervals are percentile bootstraps over the points of the sample: approximate.
 
     Args:
-        load: the work of one cell.
-        points: of the quasi-random sample, a power of 2; the plan is replicated with
+        load: the workload of one cell.
+        points: number of points of the quasi-random sample, a power of 2; the plan is replicated with
             points x (inputs + 2) combinations.
-        seed: of the scrambling of the sample, and of the bootstrap.
-        confidence: of the intervals.
-        progress: receives combinations done and in all.
+        seed: seed of the scrambling of the sample, and of the bootstrap.
+        confidence: confidence level of the intervals.
+        progress: receives the numbers of combinations: done, and in all.
     """
     inputs = study_inputs(load)
     block, count = Block(0, 0, _SOBOL), len(inputs)
@@ -276,10 +279,10 @@ def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
     return _executed(load, durations=durations)
 
 
-def _with_act(load: Workload, factor: float, *, act: str) -> Workload:
+def _with_actuation(load: Workload, factor: float, *, actuation: str) -> Workload:
     own = load.execution.durations
     actuations = {
-        key: model.scaled(factor) if key[0] == act else model
+        key: model.scaled(factor) if key[0] == actuation else model
         for key, model in own.actuations.items()
     }
     return _executed(load, durations=replace(own, actuations=actuations))
@@ -296,7 +299,7 @@ def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
 def _with_longer_motions(
     tpg: TemporalPlanGraph, chain: NodeChain, factor: float
 ) -> NodeChain:
-    """Return a chain whose motions take a factor of their times, within limits those at full speed."""
+    """Return a chain with motion times multiplied by a factor; with acceleration limits, those at full speed."""
     factors = np.where(RobotTaskNodes(tpg, chain, {}).moves, factor, 1.0)
     drive = chain.drive
     if drive is not None:

@@ -93,13 +93,13 @@ class StudyResult:
     """Result of a study.
 
     Attributes:
-        folder: of its files.
+        folder: folder of its files.
         request: the request.
         summary: its figures.
-        loads: the work of its cells.
+        loads: workload of each cell.
         gains: gains of interventions, by cell.
-        raised_skills: skills of replication 0 that were drawn shorter than joints' speed limits
-            allow and took what these allow, in the cell that has most of them.
+        raised_skills: number of skills in replication 0 whose drawn durations were shorter than the joint
+            speed limits allow, and were raised to these; largest over the cells.
     """
 
     folder: Path
@@ -122,18 +122,18 @@ def start_study(
 
     Args:
         request: the request.
-        folder: of the study, which exists and is empty.
+        folder: folder of the study, which exists and is empty.
         open_executor: opens an executor.
         progress: receives the progress of each stage.
-        plans: the studied plans, where they exist already.
-        motions: their base motions, with replanning.
+        plans: the studied plans; None to plan.
+        motions: their base motions, for replanning.
 
     Raises:
         ScenarioError: a varied input does not fit the scenario.
         RequestError: the scenario cannot be planned, or the deadline is not possible.
     """
     experiment, scenario = request.experiment, request.scenario
-    # Refuses misfits before the time for planning is spent.
+    # Refuse inputs that do not fit the scenario before planning, which takes long.
     case = LoadedScenario(scenario, request.base)
     executions = [
         {key: variant[key] for key in variant if is_of_execution(key)}
@@ -150,7 +150,7 @@ def start_study(
         keys = ", ".join(layout_of(experiment.variants[0]))
         raise RequestError(f"{keys}: a plan that is there cannot be varied; plan again")
     save_plans(plans, folder / PLANS)
-    # The manifest comes last: a folder that has one can be gone on with.
+    # The manifest is written last: a folder that has one can be resumed.
     cell = build_workcell(scenario, request.base)
     write_request(folder, request, cell, plan_hashes(plans))
     return _run(request, folder, plans, motions, open_executor, progress)
@@ -164,7 +164,7 @@ def resume_study(
     The data for replanning is not saved: with replanning, the plans are made again.
 
     Raises:
-        OutputError: the folder is not one of a study that got as far as its plans.
+        OutputError: the folder is not that of a study whose plans are saved.
     """
     request = read_request(folder)
     plans, motions = load_plans(folder / PLANS, request.experiment), None
@@ -213,7 +213,7 @@ def _run(
     gains = study_gains(experiment, loads, counts, progress)
     write_gains(folder, experiment, gains)
     counted = [tally.count > 0 for tally in tallies]
-    summary = _with_causes(request, summary, loads, counted, gains, progress)
+    summary = _with_sensitivity(request, summary, loads, counted, gains, progress)
     write_json(folder / SUMMARY, summary.content())
     raised_skills = max(
         load.execution.durations.bind(load.tpg).raised(seed=load.seed, replication=0)
@@ -222,7 +222,7 @@ def _run(
     return StudyResult(folder, request, summary, loads, gains, raised_skills)
 
 
-def _with_causes(
+def _with_sensitivity(
     request: StudyRequest,
     summary: StudySummary,
     loads: Sequence[Workload],
@@ -230,9 +230,9 @@ def _with_causes(
     gains: Sequence[CellGains],
     progress: Report,
 ) -> StudySummary:
-    """Return the summary with gains, tornado and Sobol indices of each cell.
+    """Return the summary with gains, tornado chart and Sobol indices of each cell.
 
-    Cells of which no replication was executed as planned (``counted``) have gains only.
+    Cells without a replication that was executed as planned (``counted``) have gains only.
     """
     experiment, confidence = request.experiment, summary.confidence
     first, cells = shown_cell(summary, experiment.policies), []
@@ -306,7 +306,7 @@ def _audits(
     drawn: dict[int, Workload] = {}
     for cell, (policy, variant) in enumerate(experiment.cells):
         tpg = plans[plan_key(variant, named_policies()[policy].plan)]
-        load = replace(loads[cell], tpg=tpg)  # with the shapes that work goes without
+        load = replace(loads[cell], tpg=tpg)  # the workload's own graph has no shapes
         if policy == OPEN_LOOP or _describe_pose_errors(load):
             drawn[cell] = load
     count = experiment.audited
@@ -403,7 +403,7 @@ def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None
             load.tpg, replace(load.execution, messages=Messages())
         ).least_makespan_ns()
         for load in loads
-        # A controller may be faster than planned: then there is no such bound.
+        # With speed factors, motions may be faster than planned: then there is no such bound.
         if load.execution.disturbances.speed == Speed()
     ]
     if len(bounds) == len(loads) and deadline_s * NANOSECONDS < min(bounds):

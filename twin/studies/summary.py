@@ -1,4 +1,7 @@
-"""Figures of a study for ``summary.json``: makespans of cells, and differences."""
+"""Figures of a study for ``summary.json``: makespans of cells, and differences.
+
+Their confidence intervals come from ``twin.studies.replications.statistics``.
+"""
 
 from __future__ import annotations
 

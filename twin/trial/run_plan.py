@@ -25,9 +25,7 @@ from twin.runs.folder import (
     replace_results,
 )
 from twin.runs.header import RunHeader
-from twin.scenario.manifest import (
-    write_manifest,
-)
+from twin.scenario.manifest import write_manifest
 from twin.trial.auditor import load_auditor
 from twin.trial.errors import IncompleteRunError
 from twin.trial.executor import Executed, Executor, SimulatedExecutor

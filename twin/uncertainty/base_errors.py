@@ -1,4 +1,4 @@
-"""Errors of robot bases (calibration) and paths (force control)."""
+"""Bounds of the pose errors of robot bases, from calibration, and of flanges in skills, from force control."""
 
 from __future__ import annotations
 
@@ -24,5 +24,5 @@ class PoseErrorSection(Section):
 
     @property
     def planned(self) -> PoseError:
-        """The same as planning has it."""
+        """The same bounds as planning takes them."""
         return PoseError(self.m, self.rad)

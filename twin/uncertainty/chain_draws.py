@@ -1,7 +1,7 @@
 """Random motion times, standstills and failures of one robot in many replications.
 
-Draws are keyed by the robot's tasks, so a task gets the same draws whatever else happens. Rare events
-are single entries of (node, replication), not arrays of zeros.
+Draws are keyed by the robot's tasks, so a task gets the same draws in any order of events. Rare events
+are stored as a list of (node, replication) entries, not as dense arrays.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Standstills:
     """Standstills of one cause in some replications.
 
     Attributes:
-        cause: why.
+        cause: their cause.
         node, column: node of the robot and column of the replication, shape (n,).
-        duration_ns: shape (n,) [ns].
+        duration_ns: their durations, shape (n,) [ns].
     """
 
     cause: Cause
@@ -102,7 +102,7 @@ class ChainDraws:
     Attributes:
         own: the robot's tasks.
         seed: names the draws.
-        numbers: of the replications, shape (r,).
+        numbers: numbers of the replications, shape (r,).
         disturbances: disturbances of the run.
     """
 
@@ -139,8 +139,8 @@ class ChainDraws:
     def speed_override(self) -> Array | None:
         """Speed override of each node, shape (nodes, r); None for 1.
 
-        A stretch of a robot with limits of acceleration is one motion, so it has one factor: that of the
-        task in which it begins. It is planned as fast as limits allow, so its factor is at most 1.
+        With acceleration limits a stretch, a straight run from rest to rest, is one motion with one factor:
+        that of the task in which it begins. It is planned as fast as limits allow, so the factor is at most 1.
         """
         own, drive = self.own, self.own.chain.drive
         speed = self.disturbances.speed.model_of(own.chain.robot)
@@ -158,8 +158,8 @@ class ChainDraws:
         """Return the durations of nodes with speed factor and jitter, shape (nodes, r) [ns].
 
         Args:
-            planned: without, shape (nodes, r) [ns].
-            least: durations that the factor does not shorten any further, shape (nodes,) [ns].
+            planned: durations without both, shape (nodes, r) [ns].
+            least: lower bounds for the speed factor, shape (nodes,) [ns].
         """
         own, chain, factor = self.own, self.own.chain, self.speed_override
         out = planned
@@ -234,7 +234,7 @@ class ChainDraws:
     ) -> list[Standstills]:
         """Return the events of a Poisson process of the robot's busy time.
 
-        The process has no memory, so it starts afresh with every task.
+        The process is memoryless, so it may start anew with every task.
         """
         own = self.own
         found = []
@@ -267,9 +267,10 @@ class ChainDraws:
         failed: Indices,
         losing: Indices,
     ) -> list[Standstills]:
-        """Return failed attempts at some tasks; lower ``failed`` to those that fail for good.
+        """Return failed attempts at some tasks.
 
-        And ``losing`` to those that lose the object.
+        Lowers ``failed`` to the first node of each replication that fails for good, and ``losing`` to the
+        first that loses its object.
         """
         skills = [self.own.skill_nodes(k) for k in which.tolist()]
         nodes = np.array([skill[0] for skill in skills], dtype=np.int64)
@@ -315,11 +316,11 @@ class ChainDraws:
 def choose_distinct(n: int, u: Array) -> Indices:
     """Return distinct numbers below n, every choice equally likely.
 
-    Floyd's algorithm: one uniform a number, none redrawn.
+    Floyd's algorithm: it needs one uniform for each number, without rejection.
 
     Args:
-        n: at least the number of rows.
-        u: in (0, 1), shape (count, r).
+        n: exclusive bound of the numbers, at least the number of rows.
+        u: uniforms in (0, 1), shape (count, r).
 
     Returns:
         Shape (count, r); the numbers in a column are distinct.
@@ -342,7 +343,7 @@ def _locate(
     for k in range(len(task)):
         a, b, r = first[task[k]], first[task[k] + 1], column[k]
         start = passed[a, r]
-        # The last node that begins no later.
+        # Bisection: the last node that begins no later than the time.
         while b - a > 1:
             middle = (a + b) // 2
             if passed[middle, r] - start <= clock[task[k], r]:

@@ -159,7 +159,7 @@ class SkillDraws:
 
     Attributes:
         nominal: planned duration of every node, per chain [ns].
-        tasks: indices of the tasks that vary, in which a skill or a tool does, never falling, shape (s,).
+        tasks: indices of the tasks that vary, in which a skill or a tool does, non-decreasing, shape (s,).
         names: keys of the draws of each of them.
         skills: skill or tool action of each of them.
         groups: each model, and the positions in ``tasks`` that draw from it.

@@ -1,4 +1,4 @@
-"""Speed factors above 1 beyond the robots' limits: the factor reached, and the limiting joints."""
+"""Warnings on speed factors above 1 that robots cannot reach: the factor reached, and the limiting joints."""
 
 from __future__ import annotations
 
@@ -44,15 +44,17 @@ def unreached_speeds(
         drawn = speed.ppf(draws.draw(np.arange(len(own.tasks)), "speed"))
         factor = drawn[own.of_node, 0]
         wanted = chain.duration / factor
-        takes = np.maximum(wanted, np.minimum(_least(chain, robot), chain.duration))
+        takes = np.maximum(
+            wanted, np.minimum(_least_durations(chain, robot), chain.duration)
+        )
         fast = own.moves & (factor > 1.0) & (chain.duration > 0.0)
         bound = fast & (takes > wanted * _SAME)
         if not np.any(bound):
             continue
         whole = chain.duration[fast].sum()
         bound_s = defaultdict[str, float](float)
-        if len(chain.waypoints):  # a graph of times alone has none
-            binding = _binding(chain, robot)
+        if len(chain.waypoints):  # a timing graph has none
+            binding = _limiting_quantities(chain, robot)
             for node in np.flatnonzero(bound).tolist():
                 bound_s[binding[node]] += float(takes[node])
         most = ", ".join(sorted(bound_s, key=lambda name: -bound_s[name])[:3])
@@ -65,14 +67,14 @@ def unreached_speeds(
     return tuple(found)
 
 
-def _least(chain: NodeChain, robot: PlacedRobot) -> Array:
+def _least_durations(chain: NodeChain, robot: PlacedRobot) -> Array:
     """Return the shortest durations of nodes at any speed factor, shape (nodes,) [s]."""
     if chain.drive is None:
         return least_seconds(chain, robot.model)
     return np.where(chain.drive.ramp > 0.0, chain.duration, chain.drive.least)
 
 
-def _binding(chain: NodeChain, robot: PlacedRobot) -> list[str]:
+def _limiting_quantities(chain: NodeChain, robot: PlacedRobot) -> list[str]:
     """Return the limiting quantity of each node: a joint, or the speed of the tool."""
     drive, limits, names = chain.drive, robot.limits, robot.model.joint_names
     displacement = np.abs(np.diff(node_ends(chain, 0, len(chain)), axis=0))

@@ -275,7 +275,7 @@ def _motion_clear(
         interpolate_configuration(q0, t0, q1, t1, middle, q)
         if not is_configuration_clear(scene, q, middle):
             return False
-    # It takes many more stretches to tell that it is clear of what lies still.
+    # It takes many more stretches to tell that it is clear of static obstacles.
     return first_meeting_time(
         scene, q0, t0, q1, t1
     ) == np.inf and is_clear_of_still_objects(scene, q0, t0, q1, t1, 0.0)

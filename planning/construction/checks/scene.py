@@ -65,7 +65,7 @@ class Checks(NamedTuple):
     """Checks of a motion, each compiled once and shared by all callers.
 
     Attributes:
-        still: is it clear of what lies still, and of itself?
+        still: whether it is clear of static obstacles and of itself.
         meeting: up to when is it clear of robots that move?
         configuration: is the robot clear of all at one instant?
         motion: is all of it clear of all?
@@ -87,7 +87,7 @@ class MoverScene(NamedTuple):
         fleet: the robot, then all other carriers.
         entity: number by which limits speak of a body, shape (bodies,).
         tracks: the other robots.
-        boxes: what lies still.
+        boxes: boxes of static obstacles.
         limits: least distances.
         step: cells of time begin at multiples of this [s].
         halvings: how often a cell may be halved where robots are close.
@@ -139,7 +139,7 @@ def make_scene(
         carriers: the robot that moves, then those of the tracks.
         numbers: of all entities.
         tracks: the other robots.
-        boxes: what lies still.
+        boxes: boxes of static obstacles.
         limits: least distances.
         checks: that others ask for.
     """
@@ -196,7 +196,7 @@ def sweep_stretch(
     q_a, q_b, ends = scene.own.hulls.q_a[0], scene.own.hulls.q_b[0], scene.ends
     interpolate_configuration(q0, t0, q1, t1, lo, ends[0])
     interpolate_configuration(q0, t0, q1, t1, hi, ends[1])
-    # What is checked against what lies still is often checked against robots next.
+    # A motion checked against static obstacles is often checked against robots next.
     known = True
     for j in range(len(q_a)):
         known = known and q_a[j] == ends[0, j] and q_b[j] == ends[1, j]

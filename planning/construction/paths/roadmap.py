@@ -50,7 +50,7 @@ class Roadmap(NamedTuple):
         left: departure from the vertex before, likewise [s].
         parent: which span of which vertex that was, likewise.
         rest: least time from there to a goal, shape (v,) [s].
-        blocked: motions that are not clear of what lies still, shape (v, v).
+        blocked: motions that are not clear of static obstacles, shape (v, v).
         free: room to work in, shape (cells,).
     """
 

@@ -1,6 +1,6 @@
 """Models of structures: tower, wall, well and pavilion, as in Hartmann et al. V-A.
 
-Every model is a few lines that say where boxes go. The world's origin is in the middle of the
+Every model is a list of boxes with their goal poses. The origin of the world is in the middle of the
 site, on the ground; z points up.
 """
 
@@ -83,7 +83,7 @@ def wall(
     size: Sequence[float] = (0.5, 0.2, 0.2),
     joint: float = 0.01,
 ) -> tuple[ModelPart, ...]:
-    """Return a straight wall of blocks in running bond: every other course is half a block on.
+    """Return a straight wall of blocks in running bond: every other course is shifted by half a block.
 
     Args:
         columns: blocks of a course.

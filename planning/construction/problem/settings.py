@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
-_EASY_S = 15.0
-"""Greatest delay of an arrival to search for while other robots remain to be tried."""
+_LOW_EFFORT_DELAY_S = 15.0
+"""Largest delay of an arrival over a roadmap at low effort [s]."""
 
-_EASY_SHARE = 10
-"""Divisor of the sample count at low effort where the search is by samples only."""
+_LOW_EFFORT_DIVISOR = 10
+"""Divisor of the number of samples at low effort, where all paths come from the bi-directional search."""
 
 
 PathFinder = Literal["auto", "rrt"]
-"""What finds paths: what needs least search first, or the bi-directional RRT of IV-C alone."""
+"""Method of path search: direct paths and roadmaps before the bi-directional RRT, or the RRT of Hartmann et al. IV-C alone."""
 
 
 class RrtSettings(NamedTuple):
@@ -22,25 +22,26 @@ class RrtSettings(NamedTuple):
     A path that arrives a second late is good enough: better ones cost more than they gain.
 
     Attributes:
-        iterations: samples of the bi-directional search in all.
-        patience: samples after the last improvement of the arrival time.
+        iterations: number of samples of the bi-directional search.
+        patience: number of samples without an improvement after which the search ends, once a path is known.
         weight: lambda of eq. (5): distance against time.
         reach: longest motion added in one extension [s].
         growth: factor by which the range of arrival times grows.
-        good_enough_s: an arrival this much after the earliest that speeds allow ends the search;
-            so much must an improvement gain.
-        acceptable_loss_s: an arrival this much after the earliest over a roadmap is not searched
-            on for.
-        direct: paths that need no search tried first, at most.
-        stands: shares of the arm's time for which a robot may stand on such a path, see
+        good_enough_s: a delay after the earliest arrival that speeds allow at which the search ends;
+            also the least gain of an improvement.
+        acceptable_loss_s: a delay after the earliest arrival at which a path over the roadmap is not
+            improved by the bi-directional search.
+        direct: maximum number of paths tried first that need no search.
+        stands: number of durations for which a robot may stand on such a path, see
             ``direct_paths``; 0 for straight paths only.
-        drives: steps on the lattice that are looked at, see ``base_path``; 0 for none.
-        rounds: how often a path is searched for, each time with the bound of the one before.
-        vertices: of the roadmap that is searched for an earlier arrival.
-        neighbours: of each of its vertices.
-        checks: motions of the roadmap that are checked.
-        most_loss_s: greatest delay of an arrival to search for over a roadmap.
-        shortcuts: random stretches of a path that are tried to be made straight.
+        drives: maximum number of lattice steps in the search for a path of the base, see
+            ``base_path``; 0 for no such search.
+        rounds: number of searches for a path, each bounded by the arrival of the one before.
+        vertices: number of vertices of the roadmap.
+        neighbours: number of neighbours of each vertex.
+        checks: maximum number of checked motions of the roadmap; 0 for no roadmap.
+        most_loss_s: largest delay of an arrival over the roadmap.
+        shortcuts: number of random stretches of a path that the planner tries to straighten.
     """
 
     iterations: int = 3000
@@ -76,11 +77,11 @@ class KeyframeSettings:
 
     Attributes:
         picks, places: number of candidates wanted.
-        starts: configurations drawn together.
+        starts: number of configurations drawn together.
         draws: number of draws for each hold of the part.
-        spread_s: times are drawn up to so long after the earliest.
-        meetings: places of a handover drawn.
-        ahead_s: later arrivals than so long after the earliest are not looked at, as long as
+        spread_s: arrival times are drawn up to this long after the earliest.
+        meetings: number of places drawn for a handover.
+        ahead_s: arrivals later than this after the earliest are ignored, as long as
             others still move.
     """
 
@@ -110,14 +111,16 @@ class SubproblemSettings:
     def low_effort(self) -> SubproblemSettings:
         """Return settings that search only for paths that are easy to find."""
         rrt = self.rrt
-        few = rrt.iterations // _EASY_SHARE if rrt.samples_only else 0
+        few = rrt.iterations // _LOW_EFFORT_DIVISOR if rrt.samples_only else 0
         rrt = rrt._replace(
-            iterations=few, patience=min(rrt.patience, few), most_loss_s=_EASY_S
+            iterations=few,
+            patience=min(rrt.patience, few),
+            most_loss_s=_LOW_EFFORT_DELAY_S,
         )
         return replace(self, rrt=rrt, holds=1)
 
     def with_more_effort(self, effort: int) -> SubproblemSettings:
-        """Return settings that retry failures."""
+        """Return settings for another attempt after failures, at an effort level from 0."""
         if effort == 0:
             return self
         by = 3**effort
@@ -137,23 +140,21 @@ class SearchSettings:
     """Effort of the search over parts and robots.
 
     Attributes:
-        attempts: of each sequence of actions, before the next robots are tried.
-        asked: robots that may plan a part before the effort is raised, one after another, as
-            long as each is late; where there are no more parts to place than for half of them.
-        parts: that the first robot may plan before anything is tried hard, one after another,
-            as long as it loses time with each; where there are more.
-        late_s: a part that comes no later than this after speeds and the world at its place
-            allow is not late, and so much is no loss.
-        round: parts that are planned before it is looked at how much time was lost with them;
+        attempts: number of attempts with each skeleton, before the next robots are tried.
+        asked: maximum number of robots for which the first part is planned at low effort, as long as
+            it is late with each; used where parts to place are at most half as many as robots.
+        parts: maximum number of parts that are planned for the first robot at low effort, as long
+            as it loses time with each; used where there are more parts than that.
+        late_s: largest delay of a part, and largest lost time, that count as none [s].
+        round: maximum number of placements in a round, after which the lost time is evaluated;
             no more than there are robots.
-        tries: how often they are planned, at most.
+        tries: maximum number of times that a round is planned.
         acceptable_loss_s: lost time per placement that does not trigger replanning.
-        again: attempts that may go into planning again, in all: for each part of the
-            construction, over the number of robots, since among many each takes longer.
-        efforts: how often failures are gone through again when nothing else is left, each
-            time trying harder.
-        returns: greatest number of backtracks for one part. Parts that keep each
-            other from their places would take turns for ever.
+        again: budget of attempts for replanning rounds, for each part of the construction;
+            divided by the number of robots, since among many robots each attempt takes longer.
+        efforts: number of effort levels at which backtracking tries to place a part that has failed.
+        returns: maximum number of backtracks for one part. Without a limit, parts that block
+            each other's places would alternate endlessly.
     """
 
     attempts: int = 2
@@ -173,8 +174,8 @@ class PlannerSettings:
     """Effort of planning a construction.
 
     Attributes:
-        search: over objects, robots and actions.
-        subproblem: each part.
+        search: effort of the search over parts and robots.
+        subproblem: effort of each sub-problem.
     """
 
     search: SearchSettings = field(default_factory=SearchSettings)

@@ -47,7 +47,7 @@ def part_objects(
     Args:
         parts: the model.
         layout: where parts lie.
-        starts: poses of parts that lie elsewhere; they leave no gap in the layout.
+        starts: poses of parts that lie elsewhere; the layout keeps no places for them.
         near: whether parts lie near their goals, see ``supply_poses``.
     """
     poses = dict(starts or {})
@@ -77,7 +77,7 @@ def build_problem(
 ) -> ConstructionProblem:
     """Return the problem of building a model in a cell, by all of its robots.
 
-    What else a problem says is as ConstructionProblem has it by default.
+    All other values of the problem are the defaults of ConstructionProblem.
 
     Args:
         cell: its objects hold the parts, see ``part_objects``.

@@ -44,7 +44,7 @@ class RobotTimeline:
 
     Attributes:
         robot: its name.
-        time: of the waypoints, never falling, shape (w,), w >= 1 [s].
+        time: of the waypoints, non-decreasing, shape (w,), w >= 1 [s].
         path: the waypoints, shape (w, n).
         skills: spans of time (start, end) that are one piece of work each: one node of a
             temporal plan graph, so whatever the robot sweeps in one it may sweep at any time
@@ -266,7 +266,7 @@ def cut_timeline(
     Args:
         line: the timeline.
         start: pieces that end before are left out [s].
-        until: the robot is there up to this time, infinity for ever [s].
+        until: the robot is there up to this time, infinity without an end [s].
         step: cells of time begin at its multiples [s].
         changes: times at which pieces end even where the robot stands, such as those at which
             objects change hands.

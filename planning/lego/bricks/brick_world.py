@@ -1,9 +1,9 @@
-"""The bricks of an assembly as objects, fixtures and a collision world, and their names at stations.
+"""The bricks of an assembly as objects, fixtures and a collision world, and the names of bricks at feeding stations.
 
-A station holds one brick at a time. Its bricks are objects of their own, numbered in the order in
-which they are picked: ``"feed.1"`` stands there at the start, ``"feed.2"`` comes up once the pick
-of ``"feed.1"`` is complete, or has lost it, and so on; one more than steps use is left over. To the
-assignment a station is one object without end, named as in the stock.
+A feeding station holds one brick at a time. Each of its bricks is an object of the cell, numbered in the
+order of picks: ``"feed.1"`` is there at the start, ``"feed.2"`` is supplied once ``"feed.1"`` was picked, or
+lost in the pick, and so on; the last brick supplied is used by no step. For the assignment a station is one
+object that is never used up, named as in the stock.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
 from planning.transforms import Transform, read_only_copy, translation
 
 STORAGE = "storage-plate"
-"""Name of the plate of the stock as a fixture, where it is another than ``"plate"``."""
+"""Name of the fixture on which the stock stands, where it is not the plate of the structure, ``"plate"``."""
 
 _PLATE_THICKNESS = 0.005
 """Thickness of a base plate's box below the surface that bricks rest on [m]."""
 
-_COLOURS: dict[tuple[int, int], tuple[int, int, int]] = {
+_COLOURS_BY_STUDS: dict[tuple[int, int], tuple[int, int, int]] = {
     (1, 1): (242, 205, 55),
     (1, 2): (0, 133, 43),
     (1, 4): (245, 134, 36),
@@ -49,9 +49,12 @@ _COLOURS: dict[tuple[int, int], tuple[int, int, int]] = {
     (2, 4): (180, 0, 0),
     (2, 6): (0, 87, 168),
 }
-_OTHER = (160, 165, 169)
-_FIXED = (100, 103, 101)
+_OTHER_COLOUR = (160, 165, 169)
+_FIXED_COLOUR = (100, 103, 101)
+"""Colours (r, g, b) of bricks in pictures: by studs, of any other size, and of those that stay in place."""
+
 Placed = tuple[CellObject, Attachment]
+"""An object and its pose."""
 
 
 def copy_name(station: str, number: int) -> str:
@@ -73,13 +76,13 @@ def next_copy(item: CellObject, station: str, number: int) -> CellObject:
 def brick_colour(brick: BrickType) -> tuple[int, int, int]:
     """Return the colour (r, g, b) that pictures give a brick of this type."""
     low, high = sorted(brick.studs)
-    return _COLOURS.get((low, high), _OTHER)
+    return _COLOURS_BY_STUDS.get((low, high), _OTHER_COLOUR)
 
 
 def stock_objects(assembly: LegoAssembly) -> tuple[CellObject, ...]:
     """Return the bricks of the stock as objects of the cell, in the order of the stock.
 
-    Of a feeding station it is the first brick.
+    A feeding station is represented by its first brick.
     """
     return tuple(
         CellObject(
@@ -89,7 +92,7 @@ def stock_objects(assembly: LegoAssembly) -> tuple[CellObject, ...]:
             start=read_only_copy(box_pose(assembly.plate_of(item), item)),
             mass=item.brick.mass,
             fixed=item.fixed,
-            colour=_FIXED if item.fixed else brick_colour(item.brick),
+            colour=_FIXED_COLOUR if item.fixed else brick_colour(item.brick),
         )
         for item in assembly.stock
     )
@@ -136,7 +139,7 @@ class BrickWorld:
 
     @cached_property
     def stock_at_rest(self) -> Mapping[str, Placed]:
-        """All stock bricks at their start poses, a station's under its name."""
+        """All stock bricks at their start poses; the brick of a station has the name of the station."""
         out = {}
         for item in self.cell.objects:
             name = station_of(item.name, self.stations)
@@ -150,13 +153,13 @@ class BrickWorld:
 
     @cached_property
     def loose_stock(self) -> frozenset[str]:
-        """Stock bricks that are gone after their use."""
+        """Stock bricks whose place is empty once they are used: neither fixed nor of a station."""
         return frozenset(
             k for k, item in self.stock.items() if not item.fixed and not item.station
         )
 
     def stock_neighbours(self, stock: str) -> dict[str, PlacedBrick]:
-        """Return the other stock bricks within two studs of one on its plate."""
+        """Return the other stock bricks on the plate of a stock brick within two studs of it."""
         near = self.cells_near_stock(stock, number=1)
         near.pop(stock)
         return near
@@ -164,16 +167,22 @@ class BrickWorld:
     @cached_property
     def _tiles(self) -> BrickTiles:
         """Index of the structure's plate: the stock, then the goals by their steps."""
-        stock = [(0, item) for item in self.assembly.stock if self._is_here(item)]
+        stock = [
+            (0, item)
+            for item in self.assembly.stock
+            if self._is_on_structure_plate(item)
+        ]
         return BrickTiles([*stock, *enumerate(self.goal_bricks, start=1)])
 
     @cached_property
     def _storage_tiles(self) -> BrickTiles:
         """Index of the stock's plate, where it is a separate one."""
         stock = self.assembly.stock
-        return BrickTiles((0, item) for item in stock if not self._is_here(item))
+        return BrickTiles(
+            (0, item) for item in stock if not self._is_on_structure_plate(item)
+        )
 
-    def _is_here(self, item: StockBrick) -> bool:
+    def _is_on_structure_plate(self, item: StockBrick) -> bool:
         """Tell whether a stock brick stands on the structure's plate."""
         return self.assembly.plate_of(item) is self.assembly.plate
 
@@ -209,16 +218,15 @@ class BrickWorld:
         return {goal_name(k + 1): k + 1 for k in range(len(self.assembly.steps))}
 
     def cells_near(self, span: GridSpan, number: int) -> dict[str, PlacedBrick]:
-        """Return the bricks near a block that may stand on the structure's plate in a step."""
+        """Return the bricks that may stand on the structure's plate in a step, near some cells of the grid."""
         return self._tiles.near(span, before=number)
 
     def cells_near_stock(self, stock: str, number: int) -> dict[str, PlacedBrick]:
-        """Return the bricks within two studs of a stock brick that may stand on its plate in a step.
-
-        It is among them.
-        """
+        """Return the bricks that may stand within two studs of a stock brick in a step, itself included."""
         item = self.stock[stock]
-        tiles = self._tiles if self._is_here(item) else self._storage_tiles
+        tiles = (
+            self._tiles if self._is_on_structure_plate(item) else self._storage_tiles
+        )
         return tiles.near(item.span.widened(1), before=number)
 
     def standing(self, number: int) -> StandingBoxes:

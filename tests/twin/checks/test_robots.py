@@ -321,7 +321,7 @@ def test_limits_are_told_with_where_they_come_from() -> None:
     assert panda["joints"][0]["jerk"] == "7500"
     (ur5e,) = json.loads(robots("ur5e", "--json"))
     assert {row["acceleration"] for row in ur5e["joints"]} == {"5 (usual)"}
-    assert any("nobody says it" in word for word in ur5e["notes"])
+    assert any("not specified" in word for word in ur5e["notes"])
 
 
 def test_a_maker_s_limits_stay_when_a_cell_adds_a_tool_or_a_limit() -> None:

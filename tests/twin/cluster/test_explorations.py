@@ -40,6 +40,6 @@ def test_a_cluster_of_one_finds_what_one_process_finds(tmp_path: Path) -> None:
 def test_files_must_be_where_the_workers_are(tmp_path: Path) -> None:
     setting = setting_of(slider_file(tmp_path))
     elsewhere = replace(setting, folder=tmp_path / "elsewhere")
-    parcel = zlib.compress(pickle.dumps(elsewhere))
+    packed_setting = zlib.compress(pickle.dumps(elsewhere))
     with pytest.raises(ClusterError, match=r"slider\.urdf.*elsewhere on every machine"):
-        evaluate_on_worker(parcel, 20.0, DesignTask(0, {}))
+        evaluate_on_worker(packed_setting, 20.0, DesignTask(0, {}))

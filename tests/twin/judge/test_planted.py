@@ -13,9 +13,9 @@ import pytest
 from tests.planted import planted
 from tests.twin.judge.judged import Document, filed, judged, yard
 from twin.judge.delays import delayed_spans
-from twin.judge.foreign_execution import planned_spans
 from twin.judge.judge import JudgedPlan
 from twin.judge.open_plan import read_open_plan
+from twin.judge.open_plan_execution import planned_spans
 from twin.trial.loaded_scenario import load
 
 Motions = list[dict[str, Any]]

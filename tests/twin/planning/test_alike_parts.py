@@ -60,7 +60,7 @@ name: lid                              | name: peg.3                            
 place: peg, name                       | place: pog, name                                        | unknown part 'pog'; did you mean
 place: peg, name                       | place: peg.1, name                                      | unknown part 'peg.1'
 place: peg, name                       | place: peg, at: {pose: {xyz_m: [0, 0, 0]}}, name        | leave at out
-place: lid, after                      | place: lid, hold: peg, after                            | which is meant nobody says
+place: lid, after                      | place: lid, hold: peg, after                            | ambiguous which is meant
 after: [pegs]                          | after: [peg]                                            | unknown step 'peg'
 "[[peg, base]]"                        | "[[peg, peg]]"                                          | cannot be joined to itself
 "[[peg, base]]"                        | "[{parts: [peg, base], by: pegs}]"                      | leave by out

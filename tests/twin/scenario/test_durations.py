@@ -246,6 +246,7 @@ def with_numbers(content: dict[str, object]) -> st.SearchStrategy[dict[str, obje
 @example({"kind": "normal", "mean_s": 1.0, "sd_s": 1e-190})
 @example({"kind": "lognormal", "median_s": 5e-324, "p95_s": 1.0})
 @example({"kind": "gamma", "mean_s": 1.0, "cv": 0.001})
+@example({"kind": "lognormal", "median_s": 1.0, "p95_s": 1e6})
 def test_a_section_is_refused_or_has_durations_from_0(
     content: dict[str, object],
 ) -> None:

@@ -37,7 +37,7 @@ class RobotRows:
     """The rows of one robot: straight lines in joint space join them, or cubics in time.
 
     Attributes:
-        t: times, shape (k,), never falling [s].
+        t: times, shape (k,), non-decreasing [s].
         q: configurations, shape (k, n).
         node: node of each row, shape (k,), -1 before the first.
         v: joint speeds, shape (k, n), in a run whose robots keep to limits of acceleration; the
@@ -208,11 +208,11 @@ class ReplayedRun:
     """The objects of an execution.
 
     Args:
-        cell: gives poses of objects that are not in the recording.
+        cell: the cell, with the poses of objects that are not in the recording.
         recording: the execution.
 
     Attributes:
-        cell: see there.
+        cell: the cell.
         robots: rows of every robot.
         end: time of the last row [s].
         stays: stays of each object in time order.

@@ -23,7 +23,7 @@ _ROWS = 1500
 """Rows that are sampled at once: it bounds the memory."""
 
 _Resting = tuple[StillParts, list[tuple[WatchedShape, Transform]]]
-"""What rests, with its shapes in their places."""
+"""Objects and fixtures at rest, with the poses of their shapes."""
 
 _ROUNDING = 1.0 + 1e-9
 _ATTEMPTS = 6

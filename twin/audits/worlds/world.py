@@ -71,13 +71,13 @@ class WatchedShape:
 class AuditWorld:
     """Shapes that are posed and measured pairwise.
 
-    Robots are those of ``scheduling.witness``; what else there is has the forms that the cell gives it.
+    Robots have the shapes of ``scheduling.witness``; fixtures and objects those of the cell.
 
     Args:
-        cell: what to load.
+        cell: the cell.
 
     Attributes:
-        cell: see there.
+        cell: the cell.
         robots: of the cell, read from their URDF files.
         robot_shapes: all shapes of all robots: convex primitives, and the hulls of meshes.
         fixtures, objects: at least one shape for each, in the order of the cell.

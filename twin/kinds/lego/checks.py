@@ -11,17 +11,13 @@ from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
-from planning.contacts.touching import (
-    nearby_entities,
-)
+from planning.contacts.touching import nearby_entities
 from planning.errors import (
     RobotModelError,
 )
 from planning.geometry.exact import Solid, hull_distance_at
 from planning.grips.tool_grips import tool_bodies
-from planning.kinematics.kinematics import (
-    inverse_kinematics,
-)
+from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,

@@ -1,4 +1,4 @@
-"""LEGO assemblies of a scenario: from their section to data of planning, and to motions."""
+"""The kind of assembly ``lego``: converts its scenario section to planning data, and adds colours to motions."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from planning.lego.skills.expansion import LegoWork
     from scheduling.planned_motions import PlannedMotions
 
-_BESIDE_STOCK = 3
+_STOCK_MARGIN = 3
 """Margin around the stock in studs without temporary bricks."""
 
 SEQUENCE = "which brick when"
@@ -156,10 +156,10 @@ class LegoKind(AssemblyKind):
             return lego_work(find_candidates(cell, assembly))
 
     def ahead(self, cell: Workcell, watch: StageWatch) -> LegoWork:
-        """Return the assembly in a stable order, with candidates of the steps that are asked for.
+        """Return the assembly in a stable order, with candidates found step by step on demand.
 
-        The structure and the room for the tool are settled for all of it. What the arms can do at a step
-        is found when it is planned: a sequence that they cannot do is not searched again.
+        The order of all steps is stable and has room for the tool. Candidates of a step are found when it is
+        planned; the order is not changed if the arms cannot do a step.
         """
         from planning.lego.sequencing.blocking import check_reach
         from planning.lego.skills.expansion import lazy_lego_work
@@ -174,7 +174,7 @@ class LegoKind(AssemblyKind):
         return lazy_lego_work(cell, assembly)
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
-        """Return motions with bricks in the colours of their goals."""
+        """Return motions in which each brick has the colour given for its goal."""
         colours, plan = brick_colours(self.section), motions.motion_plan
         wanted = {
             task.object: colours.get(motions.assembly.steps[task.step - 1].cell)
@@ -209,11 +209,11 @@ def buildable_sequence(
 ) -> ArmSequence:
     """Return a sequence of an assembly that is feasible for the arms of a cell.
 
-    Where none is found, it is the first one that the tool has room for. The stages are sequence
+    If none is found, the first sequence with room for the tool is returned. The stages are sequence
     and assignment.
 
     Raises:
-        TwinError: there is none even for the tool alone, or a place that no arm reaches.
+        TwinError: there is no sequence even for the tool alone, or no arm reaches a place.
     """
     from planning.lego.sequencing.arms import sequence_for_arms
 
@@ -239,7 +239,7 @@ def buildable_sequence(
 def build_lego(lego: LegoSection) -> LegoAssembly:
     """Return the plate, the stock and the steps of a LEGO section.
 
-    There are no steps yet where it gives a structure; see ``build_structure``.
+    A section that gives a structure has no steps yet; see ``build_structure``.
     """
     types = brick_types(lego)
     twist = lego.twist_deg.model_dump(by_alias=True)
@@ -259,7 +259,7 @@ def build_lego(lego: LegoSection) -> LegoAssembly:
 
 
 def build_structure(lego: LegoSection) -> tuple[PlacedBrick, ...] | None:
-    """Return the bricks of the finished structure, None where it gives steps."""
+    """Return the bricks of the finished structure, None for a section that gives steps."""
     if lego.structure is None:
         return None
     return read_structure(lego.structure, brick_types(lego)).bricks
@@ -280,7 +280,7 @@ def structure_and_helpers(
 
 
 def tool_carrier(cell: Workcell) -> str:
-    """Return the registered robot whose tool sequencing makes room for: that of all robots, or a GP4."""
+    """Return the registered robot whose tool must have room in a sequence: that of all robots, or a GP4."""
     from planning.robots.registry import ROBOTS
 
     models = {robot.model.name: robot.model for robot in cell.robots}
@@ -291,7 +291,7 @@ def tool_carrier(cell: Workcell) -> str:
 def sequencing_rules(
     lego: LegoSection, *, robots: int, carrier: str = "gp4"
 ) -> SequencingRules:
-    """Return the rules of a sequence, from the file and the robots.
+    """Return the rules of a sequence, from the section and the number of robots.
 
     Args:
         lego: the section.
@@ -306,7 +306,7 @@ def sequencing_rules(
         (x, y)
         for item in stock
         if assembly.plate_of(item) is assembly.plate
-        for span in [item.span.widened(_BESIDE_STOCK)]
+        for span in [item.span.widened(_STOCK_MARGIN)]
         for x, y in product(range(span.x0, span.x1), range(span.y0, span.y1))
     }
     ground = frozenset(product(range(wide), range(deep))) - kept
@@ -335,7 +335,7 @@ def find_sequence(
 ) -> tuple[LegoAssembly, SequencedStructure]:
     """Return an assembly with the steps that build its finished structure.
 
-    Of given steps only what they build counts.
+    Given steps are replaced: only the structure that they build counts.
 
     Args:
         lego: the section.

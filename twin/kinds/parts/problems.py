@@ -74,7 +74,7 @@ def _check_steps(section: PartsSection) -> Found:
 
 
 def _check_until(section: PartsSection, names: dict[str, int]) -> Found:
-    """Yield holds that do not end with a later step."""
+    """Yield steps whose ``until`` is no later step."""
     for k, step in enumerate(section.steps):
         at: KeyPath = ("assembly", "steps", k, "until")
         yield from check_known_name(at, "step", step.until, names)
@@ -116,11 +116,11 @@ def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
     yield from check_known_name((*at, "at", "part"), "part", place.part, parts)
     if place.part in parts:
         frames = tuple(parts[place.part].frames)
-        yield from _unless_framed(at, place.part, place.frame, frames)
+        yield from _check_frame(at, place.part, place.frame, frames)
 
 
 def _check_machine_step(step: StepSection, at: KeyPath) -> Found:
-    """Yield machine steps that are not at a resting part."""
+    """Yield invalid keys of machine steps: they are done at a resting part, without a robot."""
     for key in ("robots", "hold", "path", "turn_deg"):
         if getattr(step, key) is not None:
             yield (*at, key), f"no robot does {step.process}: leave {key} out"
@@ -146,10 +146,10 @@ def _check_machines(section: PartsSection) -> Found:
             yield ("assembly", "machines", name), f"no process is done by {name}"
 
 
-def _unless_framed(
+def _check_frame(
     at: KeyPath, owner: str, frame: str | None, frames: tuple[str, ...]
 ) -> Found:
-    """Yield a step's part or fixture without the named frame."""
+    """Yield an unknown frame of a step's part or fixture."""
     if frame is None or frame in frames:
         return
     words = f"{owner}: {unknown_name('frame', frame, frames)}"
@@ -286,4 +286,4 @@ def _check_work(section: PartsSection, cell: CellSection) -> Found:
         yield from check_known_name(known, "fixture", step.at.fixture, fixtures)
         if (fixture := fixtures.get(step.at.fixture)) is not None:
             frames = tuple(fixture.frames)
-            yield from _unless_framed(at, fixture.name, step.at.frame, frames)
+            yield from _check_frame(at, fixture.name, step.at.frame, frames)

@@ -1,4 +1,4 @@
-"""Candidate interventions on a plan: those that were critical for longest, rated before any is tried."""
+"""Candidate interventions on a plan: those with the most time on critical paths, chosen before any is tried."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class CandidateLimits(NamedTuple):
     """Limits of the number of candidates of each kind.
 
     Attributes:
-        tasks, skills, waits: single ones.
-        robots: all that a robot does, or one cause of its standstills; 0 for none of these.
+        tasks, skills, waits: number of candidates of each.
+        robots: number of robots whose whole work, or whose standstills of one cause, are candidates.
     """
 
     tasks: int
@@ -62,8 +62,8 @@ def candidates(
 ) -> list[Intervention]:
     """Return the candidate interventions, by kind.
 
-    The time that a lever takes on the critical path, in the mean over the replications, is the
-    most that the mean makespan can gain by it; levers are chosen by that.
+    The mean time of an intervention on the critical path over the replications is an upper bound of its
+    reduction of the mean makespan; candidates are chosen by that time.
     """
     work = np.where(found.critical, replay.work_ns, 0).mean(axis=1)
     interventions = _best(_tasks(replay, work), most.tasks)
@@ -77,7 +77,7 @@ def candidates(
                 interventions.append(Intervention("wait", name, edges=edges))
     for stand in _STANDS:
         stands = list(_standstills(replay, found, stand))
-        # One robot's standstills are all there are.
+        # With a single robot its standstills are the same as those of all robots.
         interventions += _best(iter(stands[:1]), 1)
         interventions += _best(iter(stands[1:]), most.robots) if len(stands) > 2 else []
     interventions += _others(model)
@@ -95,7 +95,7 @@ def task_names(tasks: Sequence[Task]) -> list[str]:
 
 
 def _best(scored: Scored, most: int) -> list[Intervention]:
-    """Return the interventions that were critical for longest, without those that never were."""
+    """Return the interventions with the longest critical time, without those that never were critical."""
     ordered = sorted(
         (
             (score, k, intervention)

@@ -1,4 +1,8 @@
-"""Files ``gains.json`` and ``gains.csv`` of the gains in every cell of a study."""
+"""Files ``gains.json`` and ``gains.csv``: how much interventions would reduce the makespan.
+
+An *intervention* shortens a part of the plan, such as a skill or a wait; a *cell* of a study is one policy
+with one variant of the inputs.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,7 @@ JSON, CSV = "gains.json", "gains.csv"
 def write_gains(
     folder: Path, experiment: Experiment, cells: Sequence[CellGains]
 ) -> None:
-    """Write the gains in every cell of a study, as JSON and as CSV.
+    """Write the reductions of the makespan by interventions in every cell of a study, as JSON and as CSV.
 
     Raises:
         OutputError: a file cannot be written.

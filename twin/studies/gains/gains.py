@@ -1,4 +1,7 @@
-"""Gains: reduction of makespans by interventions that shorten parts of a plan."""
+"""Gains: reduction of makespans by interventions that shorten parts of a plan.
+
+The replications of a study are executed again with the same draws and one part of the plan shortened.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ from twin.studies.replications.statistics import Figures, SummaryEntry, mean_int
 from twin.studies.replications.workload import Workload
 
 SHORTER, GONE = 0.2, 1.0
-"""By which share a lever is made shorter."""
+"""Shares by which the time of an intervention is reduced."""
 
 QUANTILE = 0.9
 """Quantile of the makespan whose gain is reported besides that of the mean."""
@@ -37,34 +40,34 @@ TRYING = "what is worth fixing"
 
 _MANY = CandidateLimits(tasks=20, skills=7, waits=12, robots=8)
 _FEW = CandidateLimits(tasks=6, skills=7, waits=0, robots=2)
-"""By longest paths, and by events, which take a thousand times as long."""
+"""Limits with longest paths, and with the event engine, which takes a thousand times as long."""
 
 _BUDGET = 500_000_000
-"""Nodes and edges looked at for a study: some seconds, whatever its size."""
+"""Nodes and edges processed for a study: some seconds, whatever its size."""
 
 _BUDGET_BY_EVENTS = 1_000_000
-"""The same where the event engine has to do it."""
+"""The same with the event engine."""
 
 _LEAST_RUNS, _MOST_RUNS = 100, 2000
 _FEWEST = 20
-"""Replications of a cell whose plan is so long that more would take minutes."""
+"""Bounds of the number of replications of a cell; ``_FEWEST`` for plans so long that more would take minutes."""
 
 _LEAST_BY_EVENTS, _MOST_BY_EVENTS = 8, 200
-"""Replications of a cell; where fewer are affordable by events nothing is tried."""
+"""The same bounds with the event engine; no intervention is tried where fewer are affordable."""
 
 _MOST_VALUES = 8_000_000
 """Nodes and edges times replications that are in memory at once."""
 
 INTERVENTION_FIELDS = ("kind", "many", "name", "robot", "task")
-"""What both files say of a lever."""
+"""Fields of an intervention in both files."""
 
 
 class Saving(Figures):
     """Reduction of the makespan.
 
     Attributes:
-        mean_s: of its mean [s].
-        p90_s: of its P90 [s].
+        mean_s: reduction of its mean [s].
+        p90_s: reduction of its 90th percentile [s].
     """
 
     mean_s: SummaryEntry
@@ -77,8 +80,8 @@ class Gain:
 
     Attributes:
         intervention: the intervention.
-        shorter: when it takes a fifth less.
-        gone: when it takes none.
+        shorter: reduction when its time is a fifth shorter.
+        gone: reduction when its time is zero.
     """
 
     intervention: Intervention
@@ -91,8 +94,8 @@ class CellGains:
     """Gains in one cell of a study.
 
     Attributes:
-        replications: that were executed again, the first ones that complete; 0 where the plan
-            is too large for that, or none completes.
+        replications: number of replications executed again, the first ones that complete; 0 where the
+            plan is too large for that, or none completes.
         engine: ``paths`` or ``events``.
         gains: the greatest first.
     """
@@ -118,7 +121,7 @@ def study_gains(
     counts: Sequence[int],
     progress: Report = report_nothing,
 ) -> list[CellGains]:
-    """Return the gains in every cell of a study, from a number of replications of each."""
+    """Return the gains in every cell of a study, given the number of replications of each."""
     found = []
     for k, (load, count) in enumerate(zip(loads, counts, strict=True)):
         progress(TRYING, k, len(loads))
@@ -132,8 +135,8 @@ def cell_gains(
 ) -> CellGains:
     """Return the gains in one cell, the greatest first.
 
-    The same draws are executed again with one lever shortened. How many replications and
-    candidates are tried follows from the size of the plan alone, never from the clock.
+    The same draws are executed again with the time of one intervention reduced. The numbers of replications
+    and candidates follow from the size of the plan alone, never from computing time.
     """
     numbers = np.arange(_affordable(load, count, share), dtype=np.int64)
     engine = "events" if needs_event_engine(load) else "paths"
@@ -161,7 +164,7 @@ def _gains(
     interventions: Sequence[Intervention],
 ) -> Iterator[Gain]:
     confidence = experiment.precision.confidence
-    # Mirror images stay together only where none of them is left out.
+    # Mirrored pairs are complete only where no replication is left out.
     numbers = replay.numbers
     mirrored = (
         experiment.antithetic and len(numbers) == int(numbers[-1]) + 1 and len(base) > 1
@@ -192,7 +195,7 @@ def _affordable(load: Workload, count: int, share: float) -> int:
         interventions, budget = _FEW.most_interventions, _BUDGET_BY_EVENTS
         least, most = _LEAST_BY_EVENTS, _MOST_BY_EVENTS
     affordable = share * budget / (2 * interventions * replay_cost(load))
-    # A replication of a study takes a few times as long as to execute it again by paths.
+    # A replication of a study takes a few times as long as executing it again by longest paths.
     affordable = max(
         affordable,
         count / (4 * interventions if needs_event_engine(load) else interventions),

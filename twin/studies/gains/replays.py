@@ -53,12 +53,12 @@ class Intervention:
             cause, standstills, or messages.
         name: name for people.
         robot: its robot, empty without one.
-        task: index of the task, of a wait that of the task that waits; None where there is none.
-        rows: nodes whose time it is a part of, numbered through chain by chain.
-        causes: the standstills of these nodes that it is; none where it is their work.
-        edges: indices of the edges waited for.
-        stops: the stops by the run's clock that it is, empty where it is none.
-        messages: True where it is the messages between robots and dispatcher.
+        task: index of the task; for a wait, of the task that waits; None where there is none.
+        rows: shortened nodes, numbered chain by chain.
+        causes: causes of the standstills of these nodes that are shortened; empty where their work is.
+        edges: indices of the edges whose waits are shortened.
+        stops: shortened stops at times of the run's clock, empty for none.
+        messages: True where the delays of messages between robots and dispatcher are shortened.
     """
 
     kind: Kind
@@ -100,13 +100,13 @@ def replay_cost(load: Workload) -> int:
 class Replay:
     """Replications of one workload that can be replayed with an intervention.
 
-    The bulk engine does it where it can, else the event engine, one replication after the other.
+    The bulk engine replays them where it can, else the event engine, one replication after the other.
     Replications in which a task fails for good are left out.
 
     Attributes:
         tpg: plan to execute, contracted where that changes nothing.
         graph: precedence graph, until all work is done.
-        numbers: of the replications, shape (r,).
+        numbers: numbers of the replications, shape (r,).
         times: node times of the replications.
         eases_waits: whether waits can be shortened.
     """
@@ -182,10 +182,9 @@ class Replay:
     ) -> Iterator[SegmentTimes]:
         """Yield node times with an intervention shortened by a share.
 
-        Each node is made shorter by itself; standstills stay as they were drawn unless they
-        are the lever, and the work stays as it was drawn where they are. The array of ``times``
-        itself is changed, and is as before afterwards: a copy of all takes longer than to
-        execute it again.
+        Each node is shortened separately. An intervention on standstills leaves the work as drawn, any other
+        leaves the standstills as drawn. The array of ``times`` is changed in place and restored afterwards:
+        copying it would take longer than the replay.
         """
         busy_ns, rows = self.times.busy_ns, intervention.rows
         kept, groups = busy_ns[rows], list(self.times.standstills)

@@ -51,9 +51,11 @@ KEPT = 500
 """Replications whose starts and ends of tasks are kept, for bands on a Gantt chart."""
 
 _FEWEST, _MOST_KEPT = 50, 4_000_000
-"""Fewest of these, and starts of tasks in all of them where a plan is so long that it would be more."""
+"""Least number of these for long plans, and the number of their task times that is otherwise not exceeded."""
 
-_LARGEST = 1 << 28  # bytes of a block: some hundred times the largest one
+_LARGEST = (
+    1 << 28
+)  # bytes; some hundred times the size of the largest block in practice
 
 _SEAL = "made_from_and_sha256"
 _NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")

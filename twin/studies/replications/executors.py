@@ -1,7 +1,6 @@
 """Executors of replications: the calling process, all its cores, or a cluster.
 
-Everything goes through ``concurrent.futures.Executor``, so a study does not know which it is, and
-its results do not depend on it.
+All are used as ``concurrent.futures.Executor``, so the results of a study do not depend on the choice.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ class Block:
 
     Attributes:
         cell: index into ``Experiment.cells``.
-        first, count: which replications.
+        first, count: number of the first replication, and how many there are.
     """
 
     cell: int
@@ -42,9 +42,9 @@ class Experiment:
     Attributes:
         policies: names of twin.runs.policies, the first being the reference of differences.
         variants: values of the varied inputs, at least one (empty when nothing is varied).
-        replications: of every policy and variant; None to continue until ``precision``.
-        precision: when replications are enough, where no number of them is given.
-        antithetic: replications 2k and 2k + 1 are mirror images.
+        replications: number for every policy and variant; None to continue until ``precision``.
+        precision: stopping rule for ``replications`` of None.
+        antithetic: whether replications 2k and 2k + 1 have mirrored draws.
         audited: replications of the open-loop policy whose motion is checked for collisions.
         audit_engine: collision engine; by default PyBullet where it is installed, else coal.
     """

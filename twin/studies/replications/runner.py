@@ -114,7 +114,7 @@ class _Run:
         progress: Report,
     ) -> None:
         self._experiment, self._folder = experiment, folder
-        self._parcels = [pack_workload(load) for load in workloads]
+        self._packed_workloads = [pack_workload(load) for load in workloads]
         self._made_from = [load.made_from for load in workloads]
         # 8 bytes a replication, by cell and first replication of its block.
         self._makespans: list[dict[int, Array]] = [{} for _ in workloads]
@@ -207,9 +207,9 @@ class _Run:
             while waiting or under_way:
                 while waiting and len(under_way) < most:
                     block = waiting[0]
-                    parcel = self._parcels[block.cell]
+                    packed_workload = self._packed_workloads[block.cell]
                     # Where a worker has died meanwhile this fails, and the block must still be waiting.
-                    future = executor.submit(compute_block, parcel, block)
+                    future = executor.submit(compute_block, packed_workload, block)
                     under_way[future] = waiting.popleft()
                 finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
                 for future in finished:

@@ -1,7 +1,7 @@
 """Statistics of replications: means, quantiles and shares with confidence intervals.
 
-Replications are independent: each has draws of its own. An assembly ends, so there is no warm-up
-to cut off. A share of 0, such as 0 failures of 50, still has an upper bound.
+Replications are independent: each has its own draws. A run is a terminating simulation, so there is no warm-up
+period. A share of 0, such as 0 failures of 50, has an upper bound above 0.
 """
 
 from __future__ import annotations

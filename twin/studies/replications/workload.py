@@ -1,7 +1,7 @@
 """Workload of one cell of a study, in a form that can be sent to any process or machine.
 
-Only time matters once paths are known to be safe. So it holds a timing graph: a TemporalPlanGraph
-that can be executed, but not drawn, of a few hundred kilobytes for hundreds of steps.
+Replications need only times, since the paths are verified before. So a workload holds a timing graph: a
+TemporalPlanGraph without shapes and paths, of a few hundred kilobytes for hundreds of steps.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from twin.studies.replications.experiment import Block
 
 @dataclass(frozen=True)
 class Workload:
-    """A plan, how it is executed, and what varies.
+    """A plan and its execution model.
 
     Attributes:
         tpg: plan to execute; a timing graph is enough.
         execution: execution model, with disturbances.
-        seed: names the draws.
-        reasons: why only the event engine can execute it; empty where both can.
-        made_from: hash of scenario, plan, policy, variant, files and versions, which results
-            of replications are kept with.
+        seed: seed of the draws.
+        reasons: why only the event engine can execute it; empty if both engines can.
+        made_from: hash of scenario, plan, policy, variant, files and versions, saved with the results of
+            replications.
         free: the plan without holding back, executed with the same draws to be compared
             with; None where nothing is.
         operated: data for replanning after failures for good; None where these end a replication.
@@ -65,21 +65,21 @@ class Workload:
 
 
 def pack_workload(workload: Workload) -> bytes:
-    """Serialize a workload; a worker unpacks the same one once."""
+    """Serialize a workload; a worker that gets it several times unpacks it once."""
     return zlib.compress(pickle.dumps(workload, protocol=5), 1)
 
 
-def compute_block(parcel: bytes, block: Block) -> BlockResult:
+def compute_block(packed_workload: bytes, block: Block) -> BlockResult:
     """Execute a block of replications of a packed workload; the function that workers call.
 
     A replication that raises is a row with its error.
     """
-    return _engines(parcel).compute(block)
+    return _engines(packed_workload).compute(block)
 
 
 @lru_cache(maxsize=8)
-def _engines(parcel: bytes) -> Engines:
-    return Engines(pickle.loads(zlib.decompress(parcel)))
+def _engines(packed_workload: bytes) -> Engines:
+    return Engines(pickle.loads(zlib.decompress(packed_workload)))
 
 
 class Engines:

@@ -27,7 +27,7 @@ from twin.studies.study import StudyResult
 from twin.studies.summary import CellSummary, StudySummary
 
 KINDS = {"stall": "standstill", "message": "messages"}
-"""What kinds of levers are called where that is not their name."""
+"""Names of kinds of interventions in the report, where they differ."""
 
 _LEAST_S = 0.005
 """Gains that are worth a line [s]."""

@@ -215,7 +215,7 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
     for studs in (STUDS, *_WIDER):
         with suppress(ScenarioError):
             return _content(model, tuple(robots), studs, free=True)
-    # Where no plate leaves room for ever, the stations stand as near as can be.
+    # Where no plate is wide enough, the stations stand as close to the model as possible.
     return plain
 
 

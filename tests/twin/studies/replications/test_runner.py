@@ -85,11 +85,11 @@ def test_an_interrupted_study_goes_on_where_it_was(tmp_path: Path) -> None:
     assert parts == _run(_in_process, tmp_path / "whole")
 
 
-def _die_once(marker: Path, parcel: Any, block: Block) -> Any:
+def _die_once(marker: Path, packed_workload: Any, block: Block) -> Any:
     if not marker.exists():
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return compute_block(parcel, block)
+    return compute_block(packed_workload, block)
 
 
 class _Murderous(Executor):

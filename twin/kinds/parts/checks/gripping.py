@@ -33,23 +33,23 @@ from twin.kinds.parts.checks.orientations import (
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.sources import TraySection
 
-_FARTHEST, _STEP = 0.5, 0.005
-"""Largest lift and step of the search for a sufficient lift [m]."""
+_LARGEST_LIFT, _LIFT_STEP = 0.5, 0.005
+"""Largest lift, and step, of the search for a sufficient lift [m]."""
 
-_TOLD = 4
-"""How many orientations are named."""
+_MOST_NAMED = 4
+"""Most orientations that a message names."""
 
 
 @for_part_assemblies
 def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
-    """Yield parts and places of work whose tool orientation no robot can reach."""
+    """Yield parts and places of processes that need a tool orientation which no robot can reach."""
     assembly, frame = parts.listed, parts.listed.frame
     for _, step, where, end in steps_in_order(subject.cell, assembly):
         if not isinstance(step, PlacePart):
             continue
         name, start = step.part, where[step.part]
         shape, rules = subject.cell.object(name).shape, assembly.handling(name).grips
-        robots = _placing(subject, step, frame)
+        robots = _robots_for(subject, step, frame)
         ends = [("start", start, start), ("goal", end, end)]
         # A robot that can reorient a part may put it down and regrip it.
         if not any(turning_axes(robot) for robot in robots):
@@ -60,7 +60,7 @@ def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
                 for robot in robots
                 for grip in robot_grips(robot, shape, poses[0], poses[0], rules)
             ]
-            if found := _turned(wanted, frame):
+            if found := _missing_orientation(wanted, frame):
                 at = subject.thing_at(name, key)
                 yield Finding(
                     at,
@@ -79,18 +79,20 @@ def check_turning(subject: CheckContext, parts: OrderedParts) -> Findings:
         wanted = [
             (robot, orientation) for robot in robots for orientation in orientations
         ]
-        if found := _turned(wanted, work.process.frame):
+        if found := _missing_orientation(wanted, work.process.frame):
             at = parts.step_at(number)
             words = f"{work.words} cannot be done: {found}"
             owner = work.spot.owner or ""
             yield Finding(at, words, error=True, code="not done", parts=(owner,))
 
 
-def _turned(wanted: Sequence[tuple[PlacedRobot, list[Array]]], frame: str) -> str:
-    """Return a text if no robot reaches an orientation, else empty.
+def _missing_orientation(
+    wanted: Sequence[tuple[PlacedRobot, list[Array]]], frame: str
+) -> str:
+    """Return the reachable and the needed orientations as text, empty if some robot reaches the needed ones.
 
     Args:
-        wanted: robots, each with the orientations in the world, shape (3, 3), that one way to do it takes.
+        wanted: robots, each with the orientations that one way to do the step needs, in the world, shape (3, 3).
         frame: of their tools.
     """
     if not wanted or any(
@@ -107,10 +109,12 @@ def _turned(wanted: Sequence[tuple[PlacedRobot, list[Array]]], frame: str) -> st
         for _, orientation in wanted
     )
     can = dict.fromkeys(f"{r.name}: {turning_words(r, frame)}" for r, _ in wanted)
-    return f"{'; '.join(can)}; needed: {'; or '.join([*needed][:_TOLD])}"
+    return f"{'; '.join(can)}; needed: {'; or '.join([*needed][:_MOST_NAMED])}"
 
 
-def _placing(subject: CheckContext, step: PlacePart, frame: str) -> list[PlacedRobot]:
+def _robots_for(
+    subject: CheckContext, step: PlacePart, frame: str
+) -> list[PlacedRobot]:
     """Return the robots allowed for a step that have its frame."""
     robots = (r for r in subject.cell.robots if frame in {"flange", *r.model.frames})
     return [robot for robot in robots if step.done_by(robot.name)]
@@ -120,7 +124,8 @@ def _placing(subject: CheckContext, step: PlacePart, frame: str) -> list[PlacedR
 def check_room(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield parts without clearance for any tool and grip next to their neighbours.
 
-    Of parts that are alike the first step may take any: there is none only where each lacks room.
+    The first step with one of several interchangeable parts may take any of them: it is reported only if all
+    lack clearance.
     """
     assembly, cell = parts.found, parts.cell
     if isinstance(assembly, str):
@@ -132,7 +137,7 @@ def check_room(subject: CheckContext, parts: OrderedParts) -> Findings:
             continue
         name, group = step.part, groups.get(step.part, (step.part,))
         seen.update(group if len(group) > 1 else ())
-        robots = _placing(subject, step, assembly.frame)
+        robots = _robots_for(subject, step, assembly.frame)
         starts = [(own, where[own]) for own in group if own in where]
         for key, ends in (("start", starts), ("goal", [(name, end)])):
             if key == "goal" and len(group) > 1:
@@ -160,7 +165,7 @@ def _missing_clearance(
     """Return the smallest missing clearance over the grips of a part [m], the neighbour, and the grip.
 
     Returns:
-        None where a grip lacks none, or there is none.
+        None where some grip has enough clearance, or there is no grip.
     """
     (item, at), found = part, list[tuple[float, str, str]]()
     rules = parts.listed.handling(item.name).grips
@@ -190,7 +195,7 @@ def _no_room(
     neighbour: str,
     grip: str,
 ) -> Finding:
-    """Return the finding: an error at the pitch of a source with parts too close together."""
+    """Return the finding on a part without room: an error at ``pitch_m`` where its source puts parts too close together."""
     at, remedy = subject.thing_at(name, key), "move one of the two"
     sources = {part.name: part.source for part in parts.section.parts}
     own, other = (sources.get(name_in_file(n, sources)) for n in (name, neighbour))
@@ -226,7 +231,7 @@ def check_lifts(subject: CheckContext, parts: OrderedParts) -> Findings:
             cell.object(step.part),
         )
         coming = {k: (cell.object(k), at) for k, at in dict(refill.parts).items()}
-        lengths = orientations.leave + np.arange(0.0, _FARTHEST, _STEP)
+        lengths = orientations.leave + np.arange(0.0, _LARGEST_LIFT, _LIFT_STEP)
         out = [
             translation(*(x * np.array(orientations.extraction)))
             for x in lengths.tolist()

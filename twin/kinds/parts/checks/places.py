@@ -1,4 +1,4 @@
-"""Checks of places: overlap, support and balance of parts at goals, and places of work."""
+"""Checks of places: overlap, support and balance of parts at goals, and places of processes."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import MachineSection
 
-_BRIDGED = 0.02
-"""Largest distance of a tool from its work [m]."""
+_WORK_DISTANCE = 0.02
+"""Largest distance of a tool from the nearest part in a process, unless the process gives one [m]."""
 
-_BESIDE = 0.5
-"""A machine works at parts no farther than this from its door, and from each other [m]."""
+_MACHINE_REACH = 0.5
+"""Largest distance of a machine's parts from its door, and from each other [m]."""
 
 
 @for_part_assemblies
@@ -123,7 +123,7 @@ def check_balance(subject: CheckContext, parts: OrderedParts) -> Findings:
 def check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield processes whose tool stays far from all parts.
 
-    Some tools do work at a distance, and their processes say at which (``distance_m``).
+    Processes of tools that work at a distance give it as ``distance_m``.
     """
     for number, known, step, robots in parts.works():
         if number > parts.count:
@@ -136,14 +136,14 @@ def check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
             for name, gap in _nearest(robot, known, step.process, there)
         ]
         room = parts.section.processes[step.process.name].distance_m
-        if not found or min(found)[0] <= _BRIDGED + room:
+        if not found or min(found)[0] <= _WORK_DISTANCE + room:
             continue
         gap, robot, name = min(found)
         said = f"distance_m {room:g} says" if room else "works at"
         yield Finding(
             parts.step_at(number),
             f"{step.words}: the tool of {robot} stays {format_millimetres(gap)} away from {name}, the nearest that it"
-            f" could work at, and at most {format_millimetres(_BRIDGED + room)} is what a tool {said}: move the place"
+            f" could work at, and at most {format_millimetres(_WORK_DISTANCE + room)} is what a tool {said}: move the place"
             f" of work or the tool's frame {step.process.frame!r}; for what works at a distance, such as a"
             f" camera, say processes.{step.process.name}.distance_m",
         )
@@ -170,8 +170,8 @@ def _nearest(
 def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield machines that work far from their fixtures, or at unknown places.
 
-    Where a machine names its fixtures, a part that lies on none of them cannot be worked at. Where it does
-    not, it stands where its parts are brought to; so they are to be brought, and to one place.
+    If a machine names its fixtures, its parts must lie on them. If not, the machine is assumed where its parts
+    are, so steps must bring them all to one place.
     """
     if isinstance(parts.found, str):
         return
@@ -209,7 +209,9 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
                     parts=(step.part, nearest[0]),
                     figures=(nearest[1],),
                 )
-        elif (gap := _from_door(own, lying, subject)) is not None and gap > _BESIDE:
+        elif (
+            gap := _from_door(own, lying, subject)
+        ) is not None and gap > _MACHINE_REACH:
             yield Finding(
                 at,
                 f"{name} works at {step.part} {gap:.2f} m away from its door: {tell}",
@@ -217,7 +219,7 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
                 parts=(step.part,),
                 figures=(gap,),
             )
-        elif spread > _BESIDE:
+        elif spread > _MACHINE_REACH:
             yield Finding(
                 at,
                 f"{name} works at {step.part} {spread:.2f} m away from where it worked before, at"

@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.errors import (
-    InfeasibleStepError,
-)
+from planning.errors import InfeasibleStepError
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import robot_grips
 from planning.handling.skill_targets import SkillTargets, is_possible_in_some_posture

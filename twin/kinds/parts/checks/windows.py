@@ -19,15 +19,15 @@ from twin.kinds.parts.section import PartsSection, StepSection
 from twin.kinds.parts.sources import ConveyorSection
 
 Waits = dict[int, list[tuple[int, float, float]]]
-"""By step: an earlier one, the least time after it, and how long the step itself takes at least [s]."""
+"""For each step, the earlier steps it follows, each with the least time in between and the least duration of the step [s]."""
 
 
 @for_part_assemblies
 def check_windows(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield steps whose window is shorter than the work in between.
 
-    What must be done between two steps is what the one comes after and what comes after the other: the
-    longest way by least durations and least times. Motions count as nothing.
+    The work between two steps is the longest chain of steps from the earlier to the later one, by least durations
+    of processes and least times between steps. Motions count as zero.
     """
     section = parts.section
     numbers = {step.known_as: k for k, step in enumerate(section.steps)}
@@ -53,7 +53,7 @@ def check_windows(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 
 def _longest(waits: Waits, first: int, last: int) -> tuple[float, list[int]]:
-    """Return the longest time from the end of a step to the begin of a later one [s], and by which steps."""
+    """Return the longest time from the end of a step to the start of a later one [s], and the steps of that chain."""
     found: dict[int, tuple[float, list[int]]] = {first: (0.0, [first])}
     before = {k: [n for n, _, _ in own] for k, own in waits.items()}
     for k in TopologicalSorter(before).static_order():
@@ -102,7 +102,7 @@ def _paces(
 ) -> Iterator[tuple[str, float, float]]:
     """Yield conveyors and machines of a line: description, time until the first product has its parts, and time per further one [s].
 
-    By the mean of their times; nothing else takes any time.
+    From mean durations; motions and other steps count as zero.
     """
     folder = subject.folder
     for name, source in section.sources.items():

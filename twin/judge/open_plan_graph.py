@@ -1,6 +1,7 @@
 """Conversion of an open plan to a graph for the audit: one node per motion.
 
-Nodes only have robot and task. Waits are checked by the judge, which names motions as the file does.
+Nodes have a robot and a task, but no edges: waits are checked by ``twin.judge.judge``, whose messages name
+motions by their ids in the file.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def cell_for(
         assembly: of its scenario.
 
     Raises:
-        InvalidScenarioError: the plan names robots, joints or objects that there are not.
+        InvalidScenarioError: the plan names unknown robots, joints or objects.
     """
     kind = assembly_kind(assembly)
     known = {item.name: item for item in cell.objects}
@@ -95,7 +96,7 @@ def joint_columns(plan: OpenPlan, robot: PlacedRobot) -> list[int]:
     return [own.index(name) for name in robot.model.joint_names]
 
 
-def build_foreign_graph(plan: OpenPlan, cell: Workcell) -> TemporalPlanGraph:
+def build_open_plan_graph(plan: OpenPlan, cell: Workcell) -> TemporalPlanGraph:
     """Return the graph of a plan that fits a cell; contacts and edges are left out."""
     tasks: list[Task] = []
     chains = []
@@ -117,7 +118,7 @@ def build_foreign_graph(plan: OpenPlan, cell: Workcell) -> TemporalPlanGraph:
 
 
 def motion_configurations(motion: OpenMotion, columns: list[int]) -> Array:
-    """Return the joint values of a motion, shape (rows, n); of a machine zeros."""
+    """Return the joint values of a motion, shape (rows, n); zeros for a machine."""
     if not motion.q:
         return np.zeros((len(motion.t_s), 1))
     return np.asarray(np.array(motion.q)[:, columns])

@@ -1,4 +1,7 @@
-"""Execution of an open plan at given motion times, in the form of the audit."""
+"""Execution of an open plan, the file format of ``twin judge``, at given motion times.
+
+The result is a recording like that of a simulated run, so that the audit can check it.
+"""
 
 from __future__ import annotations
 
@@ -14,17 +17,17 @@ from twin.audits.case import Violation
 from twin.audits.expectations import ChangedTool
 from twin.audits.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audits.worlds.world import AuditWorld
-from twin.judge.foreign_graph import joint_columns, motion_configurations
 from twin.judge.open_plan import OpenEvent, OpenMotion, OpenPlan
+from twin.judge.open_plan_graph import joint_columns, motion_configurations
 
-_SAME = 1e-6
-"""Joint values that differ by less are the same: digits of files [rad or m]."""
+_SAME_JOINT = 1e-6
+"""Joint values that differ by less are the same, as files round them [rad or m]."""
 
-_TICK = 1e-9
-"""Times that differ by less are the same: digits of files [s]."""
+_SAME_TIME_S = 1e-9
+"""Times that differ by less are the same, as files round them [s]."""
 
 _JUMP_S = 1e-6
-"""Time given to a jump of a robot, so that the path in between is checked [s]."""
+"""Assumed duration of a jump between two motions, so that the path in between is checked [s]."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,8 @@ class MotionSpan:
     """Interval in which a motion is executed.
 
     Attributes:
-        begin: [s].
-        factor: how many times as long as planned it takes.
+        begin: when the motion begins [s].
+        factor: executed duration over planned duration.
     """
 
     begin: float
@@ -49,7 +52,7 @@ class MotionSpan:
 
 
 def planned_spans(plan: OpenPlan) -> dict[str, MotionSpan]:
-    """Return when motions are planned, by id."""
+    """Return the planned span of each motion, by id."""
     return {motion.id: MotionSpan(motion.t_s[0]) for _, _, motion in plan.placed()}
 
 
@@ -61,18 +64,18 @@ def makespan_s(plan: OpenPlan, spans: Mapping[str, MotionSpan]) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class ForeignChange:
+class Transfer:
     """Transfer of an object in an execution.
 
     Attributes:
-        t: when [s].
-        owner: robot or machine in whose motion.
+        t: its time [s].
+        owner: robot or machine whose motion makes the transfer.
         motion: that motion.
-        event: what the file says.
-        before: who held it, None at rest.
-        now: who holds it from then on, None at rest.
-        pose: in the world, at that moment, before it changes hands.
-        rests: in the world afterwards; None in a hand.
+        event: its entry in the file.
+        before: holder before it, None at rest.
+        now: holder after it, None at rest.
+        pose: pose in the world just before the transfer.
+        rests: pose in the world afterwards; None when a robot holds it.
     """
 
     t: float
@@ -86,40 +89,41 @@ class ForeignChange:
 
 
 @dataclass(frozen=True, eq=False)
-class ForeignExecution:
+class OpenPlanExecution:
     """Execution of an open plan.
 
     Attributes:
-        recording: for the audit.
-        changes: of hands, by time.
-        violations: what cannot be: jumps between motions, hands that are full or empty.
+        recording: input of the audit.
+        changes: transfers of objects, by time.
+        violations: impossible motions and transfers: jumps between motions, and taking with a full tool or
+            giving with an empty one.
     """
 
     recording: Recording
-    changes: tuple[ForeignChange, ...]
+    changes: tuple[Transfer, ...]
     violations: tuple[Violation, ...]
 
 
-def build_foreign_execution(
+def build_open_plan_execution(
     plan: OpenPlan,
     world: AuditWorld,
     tools: tuple[ChangedTool, ...],
     spans: Mapping[str, MotionSpan],
-) -> ForeignExecution:
+) -> OpenPlanExecution:
     """Return the execution of a plan.
 
     Args:
-        plan: fits the cell.
-        world: knows where flanges are.
-        tools: that robots change.
+        plan: the plan, which fits the cell.
+        world: computes flange poses.
+        tools: exchangeable tools.
         spans: when each motion is executed, by id; those of a robot do not overlap.
     """
     found: list[Violation] = []
     robots = {}
     end = makespan_s(plan, spans)
     for robot in world.cell.robots:
-        robots[robot.name] = _rows(plan, robot, spans, end, found)
-    hands = _Hands(world, robots, tools)
+        robots[robot.name] = _robot_rows(plan, robot, spans, end, found)
+    tracker = _ObjectTracker(world, robots, tools)
     events = sorted(
         (
             (spans[motion.id].at(motion, event.t_s), event.verb == "take", name, k, n)
@@ -130,34 +134,34 @@ def build_foreign_execution(
     )
     for t, _, name, k, n in events:
         motion = plan.motions[name][k]
-        hands.change(t, name, motion, motion.events[n])
-    recording = Recording(robots, tuple(hands.rows), end)
-    return ForeignExecution(
-        recording, tuple(hands.changes), (*found, *hands.violations)
+        tracker.change(t, name, motion, motion.events[n])
+    recording = Recording(robots, tuple(tracker.rows), end)
+    return OpenPlanExecution(
+        recording, tuple(tracker.changes), (*found, *tracker.violations)
     )
 
 
-def _rows(
+def _robot_rows(
     plan: OpenPlan,
     robot: PlacedRobot,
     spans: Mapping[str, MotionSpan],
     end: float,
     found: list[Violation],
 ) -> RobotRows:
-    """Return the rows of a robot, which stands between its motions and after them, to the end [s]."""
+    """Return the rows of a robot until the end [s]; it stands between its motions and after them."""
     own = plan.motions.get(robot.name, ())
     if not own:
         return RobotRows(np.zeros(1), robot.home[None, :], np.full(1, -1))
     columns = joint_columns(plan, robot)
     stands = motion_configurations(own[0], columns)[0]
-    if np.max(np.abs(stands - robot.home)) > _SAME:
+    if np.max(np.abs(stands - robot.home)) > _SAME_JOINT:
         found.append(_jump(robot, 0.0, robot.home, stands, "its HOME", own[0].id))
-    table = _Table(stands)
+    table = _RowTable(stands)
     for k, motion in enumerate(own):
         span, rows = spans[motion.id], motion_configurations(motion, columns)
         times = span.begin + (np.array(motion.t_s) - motion.t_s[0]) * span.factor
         table.stand_until(float(times[0]))
-        if np.max(np.abs(rows[0] - table.q[-1])) > _SAME:
+        if np.max(np.abs(rows[0] - table.q[-1])) > _SAME_JOINT:
             name = own[k - 1].id if k else "its HOME"
             words = table.q[-1], rows[0], name, motion.id
             found.append(_jump(robot, float(times[0]), *words))
@@ -168,11 +172,11 @@ def _rows(
     return table.rows(smooth=any(motion.v is not None for motion in own))
 
 
-class _Table:
+class _RowTable:
     """Collects rows of a robot, from rest at time 0.
 
-    A row at the time of the one before and in the same place takes its stead: of a motion that continues
-    where another one ended, at speed or not, the speeds of the later one count.
+    A row with the time and configuration of the previous one replaces its speeds and accelerations: where a
+    motion continues another one, those of the later motion count.
     """
 
     def __init__(self, q: Array) -> None:
@@ -182,7 +186,7 @@ class _Table:
 
     def stand_until(self, t: float) -> None:
         """Add a standstill until a time [s], outside nodes."""
-        if t > self.t[-1] + _TICK:
+        if t > self.t[-1] + _SAME_TIME_S:
             still = np.zeros((1, len(self.q[0])))
             self.add(np.array([t]), self.q[-1][None], still, still, -1)
 
@@ -190,7 +194,8 @@ class _Table:
         """Add the rows of a node."""
         for k, at in enumerate(np.maximum(t, self.t[-1]).tolist()):
             again = (
-                at <= self.t[-1] + _TICK and np.max(np.abs(q[k] - self.q[-1])) <= _SAME
+                at <= self.t[-1] + _SAME_TIME_S
+                and np.max(np.abs(q[k] - self.q[-1])) <= _SAME_JOINT
             )
             if again:
                 self.v[-1], self.a[-1] = v[k], a[k]
@@ -212,12 +217,12 @@ class _Table:
 def _rates(
     values: tuple[tuple[float, ...], ...] | None,
     columns: list[int],
-    by: float,
-    like: Array,
+    divisor: float,
+    configurations: Array,
 ) -> Array:
     if values is None:
-        return np.zeros_like(like)
-    return np.asarray(np.array(values)[:, columns] / by)
+        return np.zeros_like(configurations)
+    return np.asarray(np.array(values)[:, columns] / divisor)
 
 
 def _jump(
@@ -238,20 +243,20 @@ class _ObjectLocation:
 
 
 @dataclass(eq=False)
-class _Hands:
-    """Object places, updated by transfers.
+class _ObjectTracker:
+    """Locations of all objects, updated by transfers.
 
     Attributes:
-        world: knows where flanges are.
+        world: computes flange poses.
         robots: rows of each robot.
-        tools: that robots change: they are no objects in hands.
+        tools: exchangeable tools; a robot may hold one and an object.
     """
 
     world: AuditWorld
     robots: Mapping[str, RobotRows]
     tools: tuple[ChangedTool, ...]
     rows: list[ObjectRow] = field(default_factory=list)
-    changes: list[ForeignChange] = field(default_factory=list)
+    changes: list[Transfer] = field(default_factory=list)
     violations: list[Violation] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -270,7 +275,7 @@ class _Hands:
         """Apply an event."""
         verb, thing = event.verb, event.object
         place = self._places.get(thing)
-        wrong = "" if place is None else self._wrong(name, event, place)
+        wrong = "" if place is None else self._fault(name, event, place)
         if place is None and verb != "appear":
             wrong = "is not there"
         elif place is not None and verb == "appear":
@@ -290,7 +295,7 @@ class _Hands:
         before = None if place is None else place.holder
         rests = None if holder is not None else pose
         self.changes.append(
-            ForeignChange(t, name, motion, event, before, holder, world, rests)
+            Transfer(t, name, motion, event, before, holder, world, rests)
         )
         self.rows.append(ObjectRow(t, thing, holder, pose))
         if holder == Handling.GONE:
@@ -298,8 +303,8 @@ class _Hands:
         else:
             self._places[thing] = _ObjectLocation(holder, pose)
 
-    def _wrong(self, name: str, event: OpenEvent, place: _ObjectLocation) -> str:
-        """Return the fault of an event, empty if valid."""
+    def _fault(self, name: str, event: OpenEvent, place: _ObjectLocation) -> str:
+        """Return what is wrong with an event, empty if valid."""
         if event.verb in ("put", "give") and place.holder != name:
             return (
                 f"is in the hand of {place.holder}" if place.holder else "is in no hand"
