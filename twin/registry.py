@@ -213,6 +213,7 @@ HOOKS = Group(
         "plan warnings": "twin.warnings.plan_warnings:plan_warnings",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explorations.designs:begin_named_design",
+        "assignment search": "planning.assignment_search.search:search_assignments",
     },
 )
 """Functions of optional parts that the core calls where they are installed."""

@@ -8,7 +8,6 @@ values that differ by whole turns count as equal.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +18,7 @@ from planning.cell.workcell import Workcell
 from planning.motion.sequential import MotionSettings
 from planning.silence import QuietHighs
 from planning.tasks.assembly import Assembly
-from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
+from planning.tasks.assignment import TaskPlan, step_choices
 from planning.tasks.task import StepTasks, Task, TaskKind, cell_with_steps
 from planning.transforms import Array
 
@@ -58,7 +57,7 @@ def load_bound_s(
     Returns:
         The bound, None where there are too many alternatives.
     """
-    choices = list(_choices(work.problem))
+    choices = list(step_choices(work.problem))
     if len(choices) > _MOST_WAYS:
         return None
     loads = []
@@ -69,17 +68,6 @@ def load_bound_s(
         seconds = _busy_seconds(cell, replace(tasks, tasks=tuple(own)), settings)
         loads.append(AlternativeLoad(choice.step, choice.object, seconds))
     return least_load(loads, work.problem.unlimited)
-
-
-def _choices(problem: AssignmentProblem) -> Iterator[StepChoice]:
-    for step in range(1, len(problem.steps) + 1):
-        for p in problem.primaries_of.get(step, []):
-            if not problem.needs_support[step - 1]:
-                yield StepChoice(problem.primaries[p])
-                continue
-            for s in problem.supports_of.get(step, []):
-                if problem.compatible(p, s):
-                    yield StepChoice(problem.primaries[p], problem.supports[s])
 
 
 def _busy_seconds(

@@ -7,7 +7,7 @@ numbers that only the code that creates the candidates interprets.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -365,6 +365,18 @@ class TaskPlan:
         return replace(
             self, choices=(*self.choices[:at], choice, *self.choices[at + 1 :])
         )
+
+
+def step_choices(problem: AssignmentProblem) -> Iterator[StepChoice]:
+    """Yield the choices of all steps, in the order of the steps."""
+    for step in range(1, len(problem.steps) + 1):
+        for p in problem.primaries_of.get(step, []):
+            if not problem.needs_support[step - 1]:
+                yield StepChoice(problem.primaries[p])
+                continue
+            for s in problem.supports_of.get(step, []):
+                if problem.compatible(p, s):
+                    yield StepChoice(problem.primaries[p], problem.supports[s])
 
 
 def alternative_choices(

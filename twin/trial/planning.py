@@ -29,6 +29,7 @@ from twin.planning.pipeline import (
 )
 from twin.planning.repetition import repeated_plans
 from twin.planning.time_parameterization import time_parameterize
+from twin.registry import HOOKS
 from twin.runs.policies import (
     AT_ONCE,
     IN_SLOTS,
@@ -45,11 +46,14 @@ from twin.trial.plan_result import PlanResult
 if TYPE_CHECKING:
     from scheduling.ordering.plan_rating import RatedPlan
 
-CREWS = "who takes part"
+CREWS, SEARCH = "who takes part", "who does what"
 """Names of the stages for progress displays."""
 
 _NEAR = 0.05
 """Share of the makespan within which shortcuts may turn the ranks of the plans of two crews."""
+
+_CLOSE = 0.01
+"""Share within which they may turn those of two plans of the same robots."""
 
 _NO_SKILLS = {
     TaskKind.TRANSIT,
@@ -165,7 +169,7 @@ def _wanted(
     candidates: int,
 ) -> PlanResult:
     """Return plans by their names for all products, from the motions of the best subset of robots."""
-    if chooses_robot_subset(case.sections):
+    if chooses_robot_subset(case.sections) or searches_assignment(case.sections):
         motions = _shortest(case, motions, watch).motions
     made = CoordinatedPlans(
         motions, case.sections, lambda: watch, candidates=candidates
@@ -205,8 +209,8 @@ def with_failures(
 def _shortest(
     case: LoadedScenario, motions: PlannedMotions, watch: StageWatch
 ) -> PlanResult:
-    """Return the shortest plan over subsets of robots, for the planned products."""
-    first, *others = _motions_of_crews(case.sections, motions, watch)
+    """Return the shortest plan over assignments and subsets of robots, for the planned products."""
+    first, *others = _promising_motions(case.sections, motions, watch)
     plan = _coordinated(case, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)
@@ -336,10 +340,17 @@ def chooses_robot_subset(scenario: Scenario) -> bool:
     return chosen and in_turns and len(scenario.cell.robots) > 2
 
 
-def _motions_of_crews(
+def searches_assignment(scenario: Scenario) -> bool:
+    """Return whether assignments are looked for that end sooner than that of the integer program."""
+    planning = scenario.planning
+    wanted = planning.assignment == "search" and planning.coordination == "sequential"
+    return wanted and scenario.kind.chooses_robots and "assignment search" in HOOKS
+
+
+def _promising_motions(
     scenario: Scenario, first: PlannedMotions, watch: StageWatch
 ) -> list[PlannedMotions]:
-    """Return motions of all robots, then of promising subsets of robots, best rated first.
+    """Return motions of the integer program's plan, and of better rated ones, best rated first.
 
     Without shortcuts a graph is cheap, and those of all subsets are compared. The time counts as
     assignment.
@@ -347,18 +358,32 @@ def _motions_of_crews(
     from scheduling.ordering.plan_rating import PlanRater
     from scheduling.ordering.robot_subsets import rate_robot_subsets
 
-    if not chooses_robot_subset(scenario) or first.work is None:
+    crews, searches = chooses_robot_subset(scenario), searches_assignment(scenario)
+    if not (crews or searches) or (work := first.work) is None:
         return [first]
-    with watch.stage("assignment", CREWS):
-        shortcuts = planned_shortcuts(scenario) > 0
-        rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
-        start = rater.rate_motions(first.work, first.task_plan, first.motion_plan)
-        found = rate_robot_subsets(rater, first.work, start, watch.reporter(CREWS))
-    longest = found[0].makespan_s * (1.0 + _NEAR) if shortcuts else np.inf
+    shortcuts = planned_shortcuts(scenario) > 0
+    rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
+    others: list[RatedPlan] = []
+    if searches:
+        with watch.stage("assignment", SEARCH):
+            search = HOOKS.load("assignment search")
+            plans = search(first.cell, work, first.task_plan, first.settings)
+            rated = [rater.rate(work, plan) for plan in plans]
+            others = [plan for plan in rated if plan is not None]
+    if not (crews or others):
+        return [first]
+    with watch.stage("assignment", CREWS if crews else SEARCH):
+        start = rater.rate_motions(work, first.task_plan, first.motion_plan)
+        found = [start]
+        if crews:
+            found = rate_robot_subsets(rater, work, start, watch.reporter(CREWS))
+    found = sorted([*found, *others], key=lambda plan: plan.makespan_s)
+    near = _NEAR if crews else _CLOSE
+    longest = found[0].makespan_s * (1.0 + near) if shortcuts else np.inf
     return [
         first if plan is start else _with_plan(scenario, first, plan)
         for plan in found
-        if plan is start or plan.makespan_s <= longest
+        if plan.makespan_s <= longest
     ]
 
 

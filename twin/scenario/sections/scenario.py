@@ -92,6 +92,8 @@ class PlanningSection(Section):
         planner: what finds paths of transits, by its name in the registry: ``rrt-connect``, or one that a package or a
             script adds.
         attempts: transit searches, each longer than the one before, until the planner gives up.
+        assignment: ``paper`` takes the assignment of the integer program, as APEX-MR does; ``search`` looks for ones
+            that are predicted to end sooner as well, and takes the one whose plan does.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
             into slots in which robots move at once.
         joint_planning: which transits of a plan in slots are planned as one robot: ``conflicts``
@@ -117,6 +119,7 @@ class PlanningSection(Section):
     step_s: Annotated[float, Field(ge=0.001, le=10)] = 0.05
     planner: Annotated[Name, AfterValidator(_registered_planner)] = "rrt-connect"
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
+    assignment: Literal["paper", "search"] = "paper"
     coordination: Literal["sequential", "synchronous"] = "sequential"
     joint_planning: Literal["conflicts", "always"] = "conflicts"
     paths: Literal["auto", "rrt"] = "auto"

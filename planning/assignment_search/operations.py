@@ -1,0 +1,142 @@
+"""Operations of the choices of steps: the skills of robots, and their straight motions between these."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planning.cell.workcell import Workcell
+from planning.motion.sequential import MotionSettings
+from planning.motion.speed import path_times
+from planning.tasks.task import StepTasks, Task, TaskKind, cell_with_steps
+from planning.transforms import Array
+
+TRAVEL = "travel"
+"""Kind of an operation that is a straight motion to where the next one of its robot starts."""
+
+
+@dataclass(frozen=True)
+class RobotOperation:
+    """A skill of a robot within a step, or its straight motion to where it works next.
+
+    Attributes:
+        robot: its name.
+        kind: that of the task, or TRAVEL.
+        path: joint waypoints with the start, shape (w, n).
+        times: when they are passed, from 0, shape (w,) [s].
+        after: numbers of the operations of the step that must be complete before it starts.
+        leads: whether it is a travel to the skill that its robot does next.
+    """
+
+    robot: str
+    kind: str
+    path: Array
+    times: Array
+    after: tuple[int, ...] = ()
+    leads: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes [s]."""
+        return float(self.times[-1])
+
+
+def list_operations(
+    cell: Workcell, step: StepTasks, settings: MotionSettings
+) -> list[RobotOperation]:
+    """Return the operations of a step in sequential order.
+
+    Transits that nothing depends on are left out: between two skills a robot goes straight. How it comes to
+    its first skill depends on the step before.
+
+    Args:
+        cell: the static cell.
+        step: the tasks of a step.
+        settings: how they are turned into motions.
+    """
+    here = cell_with_steps(cell, [step])
+    awaited = {task for pair in step.dependencies for task in pair}
+    before: dict[int, list[int]] = defaultdict(list)
+    for first, then in step.dependencies:
+        before[then].append(first)
+    found: list[RobotOperation] = []
+    done: dict[int, int] = {}
+    last: dict[str, int] = {}
+    lead: dict[str, Array] = {}
+    pending: dict[str, list[int]] = defaultdict(list)
+    for task in step.tasks:
+        robot = task.robot
+        own = [done[a] for a in before[task.index] if a in done]
+        moves = task.kind == TaskKind.TRANSIT
+        if moves:
+            pending[robot] += own
+        if moves and (task.index not in awaited or robot not in last):
+            lead[robot] = task.path[-1]
+            if task.index in awaited:
+                found.append(_standing(task, pending.pop(robot, [])))
+                done[task.index] = last[robot] = len(found) - 1
+            continue
+        start = lead.pop(robot, None)
+        if robot in last:
+            ended = found[last[robot]].path[-1]
+            to = task.path[-1] if moves else ended if start is None else start
+            if not np.array_equal(ended, to):
+                waits = tuple(pending.pop(robot, []))
+                travel = _travel(cell, robot, ended, to, settings)
+                found.append(replace(travel, after=waits, leads=not moves))
+                last[robot] = len(found) - 1
+            start = to
+        if not moves:
+            if start is None:
+                start = cell.robot(robot).home
+            own += pending.pop(robot, [])
+            found.append(_skill(here, task, start, settings, own))
+            last[robot] = len(found) - 1
+        done[task.index] = last[robot]
+    return found
+
+
+def _standing(task: Task, after: list[int]) -> RobotOperation:
+    at = np.repeat(task.path[-1:], 2, axis=0)
+    return RobotOperation(task.robot, TRAVEL, at, np.zeros(2), tuple(after))
+
+
+def _travel(
+    cell: Workcell,
+    robot: str,
+    start: Array,
+    end: Array,
+    settings: MotionSettings,
+) -> RobotOperation:
+    """Return the straight motion to a configuration, whole turns left out."""
+    turning = ~cell.robot(robot).model.chain.prismatic
+    path = np.vstack([start, start + without_turns(end - start, turning)])
+    times = np.array([0.0, settings.speeds[robot].duration(path[0], path[1])])
+    return RobotOperation(robot, TRAVEL, path, times)
+
+
+def _skill(
+    cell: Workcell,
+    task: Task,
+    start: Array,
+    settings: MotionSettings,
+    after: list[int],
+) -> RobotOperation:
+    path = np.vstack([start, task.path])
+    seconds, speed = settings.seconds_of(cell, task), settings.speeds[task.robot]
+    times = path_times(path, speed)
+    if seconds is None:
+        seconds = float(speed.times_along(path)[-1]) + sum(settings.still_seconds(task))
+    if times[-1] > 0.0:
+        times = times * (seconds / times[-1])
+    else:
+        times = np.linspace(0.0, seconds, len(path))
+    return RobotOperation(task.robot, task.kind, path, times, tuple(after))
+
+
+def without_turns(apart: Array, turning: np.ndarray) -> Array:
+    """Return the least differences of joint values modulo whole turns, shape (..., n)."""
+    least = (apart + np.pi) % (2 * np.pi) - np.pi
+    return np.where(turning, least, apart)

@@ -1,0 +1,286 @@
+"""Operations of all choices as arrays: the input of compiled predictions of the makespan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.assignment_search.operations import (
+    TRAVEL,
+    RobotOperation,
+    list_operations,
+    without_turns,
+)
+from planning.assignment_search.volumes import SAMPLES, Volumes, build_volumes
+from planning.cell.workcell import Workcell
+from planning.motion.sequential import MotionSettings
+from planning.packed import packed
+from planning.tasks.assembly import Assembly
+from planning.tasks.assignment import StepChoice, TaskPlan
+from planning.tasks.task import Task
+from planning.transforms import Array, Indices
+
+_PIECES = {TRAVEL: 4}
+_SKILL_PIECES = 3
+"""Pieces of an operation, each of which is in the way of others, or not, as a whole."""
+
+_LEAVING = 0.4
+"""Share of the way HOME that a robot needs to leave the place of its work."""
+
+
+class PredictionTables(NamedTuple):
+    """Operations of all choices of all steps.
+
+    Attributes:
+        step: step of each choice, from 0, shape (c,).
+        first: where the operations of a choice begin, shape (c + 1,).
+        robot, kind: of each operation, shape (o,).
+        seconds: how long it takes, shape (o,) [s].
+        start, end: numbers of its first and last configuration among those of its robot, shape (o,).
+        gate: for a travel the operation that it leads to, which must be next of its robot; else the
+            operation itself, shape (o,).
+        after_first, after: operations of the same choice, counted within it, that come before.
+        piece_first: where the pieces of an operation begin, shape (o + 1,).
+        volume: of each piece, shape (p,).
+        until: share of the operation that is over after it, shape (p,).
+        leaving: volume that a robot needs as it leaves after an operation, -1 for none, shape (o,).
+        leaving_s: for how long, shape (o,) [s].
+        travel_first: where the table of a robot's travels begins in ``travel``, shape (r,).
+        starts: number of start configurations of each robot, shape (r,); number 0 is HOME.
+        travel: seconds from each end to each start configuration of each robot, one after another [s].
+        wait_first: where the waits of a kind at a step begin, shape (steps * kinds + 1,).
+        wait_step, wait_kind: what they wait for.
+        kinds: number of kinds.
+        most: most operations of a choice.
+    """
+
+    step: Indices
+    first: Indices
+    robot: Indices
+    kind: Indices
+    seconds: Array
+    start: Indices
+    end: Indices
+    gate: Indices
+    after_first: Indices
+    after: Indices
+    piece_first: Indices
+    volume: Indices
+    until: Array
+    leaving: Indices
+    leaving_s: Array
+    travel_first: Indices
+    starts: Indices
+    travel: Array
+    wait_first: Indices
+    wait_step: Indices
+    wait_kind: Indices
+    kinds: int
+    most: int
+
+
+@dataclass(frozen=True)
+class PredictionModel:
+    """What the makespan of any choices is predicted from.
+
+    Attributes:
+        choices: alternatives of all steps, in the order of the steps.
+        tables: their operations.
+        volumes: the space that their pieces need.
+        robots: number of robots.
+    """
+
+    choices: tuple[StepChoice, ...]
+    tables: PredictionTables
+    volumes: Volumes
+    robots: int
+
+
+def build_model(
+    cell: Workcell,
+    work: Assembly,
+    plan: TaskPlan,
+    choices: Sequence[StepChoice],
+    settings: MotionSettings,
+) -> PredictionModel:
+    """Return the model of an assembly.
+
+    Args:
+        cell: where it is built.
+        work: what is built.
+        plan: any plan of it.
+        choices: alternatives of its steps, in the order of the steps.
+        settings: how tasks are turned into motions.
+    """
+    builder = _TableBuilder(cell, settings)
+    for choice in choices:
+        tasks = work.expand(plan.with_choice(choice), choice.step, 0)
+        builder.add(choice.step - 1, list_operations(cell, tasks, settings))
+    first, steps = 0, []
+    for choice in plan.choices:
+        steps.append(work.expand(plan, choice.step, first))
+        first += len(steps[-1].tasks)
+    waits = [(a, b) for a, b in work.waits(steps) if a.step != b.step]
+    tables, volumes = builder.finish(waits, len(plan.choices))
+    return PredictionModel(tuple(choices), tables, volumes, len(cell.robots))
+
+
+class _Numbers:
+    """Numbers of configurations, equal ones having the same."""
+
+    def __init__(self) -> None:
+        self.items: list[Array] = []
+        self._known: dict[bytes, int] = {}
+
+    def number(self, item: Array) -> int:
+        """Return the number of a configuration."""
+        key = item.tobytes()
+        if key not in self._known:
+            self._known[key] = len(self.items)
+            self.items.append(item)
+        return self._known[key]
+
+
+class _TableBuilder:
+    """Gathers the operations of choices."""
+
+    def __init__(self, cell: Workcell, settings: MotionSettings) -> None:
+        self._cell, self._settings = cell, settings
+        self._number = {robot.name: k for k, robot in enumerate(cell.robots)}
+        self._starts = [_Numbers() for _ in cell.robots]
+        self._ends = [_Numbers() for _ in cell.robots]
+        for k, robot in enumerate(cell.robots):
+            self._starts[k].number(robot.home)
+            self._ends[k].number(robot.home)
+        self._kinds: dict[str, int] = {TRAVEL: 0}
+        self._volumes: dict[tuple[int, bytes], int] = {}
+        self._pieces: list[tuple[str, Array]] = []
+        self._step: list[int] = []
+        self._first = [0]
+        self._rows: list[tuple[int, int, float, int, int, int, int, float]] = []
+        self._after_first, self._after = [0], list[int]()
+        self._piece_first, self._volume, self._until = [0], list[int](), list[float]()
+
+    def add(self, step: int, operations: Sequence[RobotOperation]) -> None:
+        """Add the operations of a choice."""
+        self._step.append(step)
+        base = self._first[-1]
+        following: dict[str, int] = {}
+        gates, lasts = [0] * len(operations), [False] * len(operations)
+        for k in reversed(range(len(operations))):
+            item = operations[k]
+            lasts[k] = item.robot not in following
+            gates[k] = following[item.robot] if item.leads else k
+            following[item.robot] = k
+        for item, gate, last in zip(operations, gates, lasts, strict=True):
+            robot = self._number[item.robot]
+            kind = self._kinds.setdefault(item.kind, len(self._kinds))
+            start = self._starts[robot].number(item.path[0])
+            end = self._ends[robot].number(item.path[-1])
+            leaving, leaving_s = self._leaving(item) if last else (-1, 0.0)
+            self._rows.append(
+                (robot, kind, item.seconds, start, end, base + gate, leaving, leaving_s)
+            )
+            self._after += item.after
+            self._after_first.append(len(self._after))
+            self._cut(item)
+        self._first.append(base + len(operations))
+
+    def finish(
+        self, waits: Iterable[tuple[Task, Task]], steps: int
+    ) -> tuple[PredictionTables, Volumes]:
+        """Return the arrays, with what waits for what between steps.
+
+        Args:
+            waits: pairs of tasks, the second of which waits for the first.
+            steps: number of steps.
+        """
+        kinds = self._kinds
+        waiting: list[set[tuple[int, int]]] = [set() for _ in range(steps * len(kinds))]
+        for a, b in waits:
+            if a.kind in kinds and b.kind in kinds:
+                row = waiting[(b.step - 1) * len(kinds) + kinds[b.kind]]
+                row.add((a.step - 1, kinds[a.kind]))
+        flat = [pair for row in waiting for pair in sorted(row)]
+        columns = list(zip(*self._rows, strict=True))
+        tables = [self._travel(k) for k in range(len(self._starts))]
+        sizes = [table.size for table in tables]
+        found = PredictionTables(
+            step=_whole(self._step),
+            first=_whole(self._first),
+            robot=_whole(columns[0]),
+            kind=_whole(columns[1]),
+            seconds=np.array(columns[2]),
+            start=_whole(columns[3]),
+            end=_whole(columns[4]),
+            gate=_whole(columns[5]),
+            after_first=_whole(self._after_first),
+            after=_whole(self._after),
+            piece_first=_whole(self._piece_first),
+            volume=_whole(self._volume),
+            until=np.array(self._until),
+            leaving=_whole(columns[6]),
+            leaving_s=np.array(columns[7]),
+            travel_first=_whole(np.cumsum([0, *sizes[:-1]])),
+            starts=_whole([len(item.items) for item in self._starts]),
+            travel=np.concatenate([table.ravel() for table in tables]),
+            wait_first=_whole(np.cumsum([0, *map(len, waiting)])),
+            wait_step=_whole([step for step, _ in flat]),
+            wait_kind=_whole([kind for _, kind in flat]),
+            kinds=len(kinds),
+            most=int(np.diff(self._first).max()),
+        )
+        names = [name for name, _ in self._pieces]
+        pieces = [piece for _, piece in self._pieces]
+        return packed(found), build_volumes(self._cell, names, pieces)
+
+    def _cut(self, item: RobotOperation) -> None:
+        """Add the pieces of an operation."""
+        parts = _PIECES.get(item.kind, _SKILL_PIECES)
+        if item.seconds == 0.0:
+            parts = 1
+        for k in range(parts):
+            shares = np.linspace(k / parts, (k + 1) / parts, SAMPLES)
+            self._volume.append(self._piece(item.robot, _at(item, shares)))
+            self._until.append((k + 1) / parts)
+        self._piece_first.append(len(self._volume))
+
+    def _leaving(self, item: RobotOperation) -> tuple[int, float]:
+        robot = self._cell.robot(item.robot)
+        start = item.path[-1]
+        way = _LEAVING * without_turns(robot.home - start, ~robot.model.chain.prismatic)
+        shares = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+        seconds = self._settings.speeds[item.robot].duration(start, start + way)
+        return self._piece(item.robot, start + shares * way), seconds
+
+    def _piece(self, robot: str, samples: Array) -> int:
+        key = self._number[robot], samples.tobytes()
+        if key not in self._volumes:
+            self._volumes[key] = len(self._pieces)
+            self._pieces.append((robot, samples))
+        return self._volumes[key]
+
+    def _travel(self, k: int) -> Array:
+        """Return the seconds from each end to each start configuration of a robot [s]."""
+        robot = self._cell.robots[k]
+        starts, ends = np.array(self._starts[k].items), np.array(self._ends[k].items)
+        speed, turning = (
+            self._settings.speeds[robot.name],
+            ~robot.model.chain.prismatic,
+        )
+        rows = [speed.durations(without_turns(starts - end, turning)) for end in ends]
+        return np.array(rows)
+
+
+def _at(item: RobotOperation, shares: Array) -> Array:
+    """Return the configurations of an operation at shares of its time, shape (s, n)."""
+    times = shares * item.seconds
+    columns = [np.interp(times, item.times, column) for column in item.path.T]
+    return np.stack(columns, axis=1)
+
+
+def _whole(values: Iterable[int]) -> Indices:
+    return np.array([*values], dtype=np.int64)

@@ -1,0 +1,258 @@
+"""Prediction of the makespan of an assignment: robots work in parallel, and wait for each other.
+
+Operations are dispatched in the order in which they could start. One waits for those it depends on, and each
+piece of it for pieces of other robots, dispatched before, that need the same space.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.assignment_search.prediction_tables import (
+    PredictionModel,
+    PredictionTables,
+)
+from planning.assignment_search.volumes import Volumes, do_volumes_meet
+from planning.kernels import inner_kernel, kernel
+from planning.packed import packed
+from planning.transforms import Array, Indices
+
+_PENDING = -1.0
+
+
+class RolloutState(NamedTuple):
+    """State of a rollout.
+
+    Attributes:
+        queue, queue_step: operations of each robot in order, and their steps, shape (r, q).
+        queued, head: how many there are, and which is next, shape (r,).
+        done: when the operations of each step are complete, shape (steps, most) [s].
+        done_kind: when the last operation of a kind is, shape (steps, kinds) [s].
+        clock: of each robot, shape (r,) [s].
+        left_s: how long its operations that are not dispatched take, travels between steps left out, shape (r,) [s].
+        at: number of its configuration, shape (r,).
+        held, held_step: volumes that robots have needed, with the step they are for, shape (r, h).
+        held_until: until when, shape (r, h) [s].
+        held_count: shape (r,).
+    """
+
+    queue: Indices
+    queue_step: Indices
+    queued: Indices
+    head: Indices
+    done: Array
+    done_kind: Array
+    clock: Array
+    left_s: Array
+    at: Indices
+    held: Indices
+    held_step: Indices
+    held_until: Array
+    held_count: Indices
+
+
+def make_state(model: PredictionModel) -> RolloutState:
+    """Return the memory of rollouts of a model."""
+    tables, robots = model.tables, model.robots
+    steps = int(tables.step.max()) + 1
+    most = steps * tables.most
+    pieces = int(np.diff(tables.piece_first).max()) + 1
+    rows = robots, most
+    whole = np.int64
+    return packed(
+        RolloutState(
+            np.zeros(rows, whole),
+            np.zeros(rows, whole),
+            np.zeros(robots, whole),
+            np.zeros(robots, whole),
+            np.zeros((steps, tables.most)),
+            np.zeros((steps, tables.kinds)),
+            np.zeros(robots),
+            np.zeros(robots),
+            np.zeros(robots, whole),
+            np.zeros((robots, most * pieces), whole),
+            np.zeros((robots, most * pieces), whole),
+            np.zeros((robots, most * pieces)),
+            np.zeros(robots, whole),
+        )
+    )
+
+
+def predict_makespan(
+    model: PredictionModel, chosen: Indices, *, conflicts: bool = True
+) -> float:
+    """Return the predicted makespan of an assignment [s].
+
+    Args:
+        model: of the assembly.
+        chosen: number of the choice of each step, shape (steps,).
+        conflicts: whether robots wait where others are in their way.
+    """
+    state = make_state(model)
+    return float(roll_out(model.tables, model.volumes, state, chosen, conflicts))
+
+
+@kernel
+def roll_out(
+    tables: PredictionTables,
+    volumes: Volumes,
+    state: RolloutState,
+    chosen: Indices,
+    conflicts: bool,
+) -> float:
+    """Return the predicted makespan of an assignment [s]; see ``predict_makespan``."""
+    return run_rollout(tables, volumes, state, chosen, conflicts, np.inf)
+
+
+@inner_kernel
+def run_rollout(
+    tables: PredictionTables,
+    volumes: Volumes,
+    state: RolloutState,
+    chosen: Indices,
+    conflicts: bool,
+    most: float,
+) -> float:
+    """Return the predicted makespan of an assignment, infinity where it exceeds ``most`` [s]."""
+    left = _begin(tables, state, chosen)
+    queue, head, queued = state.queue, state.head, state.queued
+    while left > 0:
+        best, soonest = -1, np.inf
+        for r in range(len(queued)):
+            if head[r] == queued[r]:
+                continue
+            start = _earliest_start(tables, state, chosen, r, queue[r, head[r]])
+            if start >= 0.0 and start < soonest:
+                best, soonest = r, start
+        if best < 0:
+            return np.inf
+        _dispatch(tables, volumes, state, chosen, best, soonest, conflicts)
+        left -= 1
+        if state.clock[best] + state.left_s[best] > most:
+            return np.inf
+    makespan = 0.0
+    for r in range(len(queued)):
+        first = tables.travel_first[r] + state.at[r] * tables.starts[r]
+        makespan = max(makespan, state.clock[r] + tables.travel[first])
+    return makespan
+
+
+@inner_kernel
+def _begin(tables: PredictionTables, state: RolloutState, chosen: Indices) -> int:
+    """Queue the operations of all robots; return their number."""
+    for r in range(len(state.queued)):
+        state.queued[r] = state.head[r] = state.at[r] = 0
+        state.held_count[r] = 0
+        state.clock[r] = state.left_s[r] = 0.0
+    total = 0
+    for step in range(len(chosen)):
+        for kind in range(state.done_kind.shape[1]):
+            state.done_kind[step, kind] = _PENDING
+        first = tables.first[chosen[step]]
+        for k in range(first, tables.first[chosen[step] + 1]):
+            state.done[step, k - first] = _PENDING
+            r = tables.robot[k]
+            state.queue[r, state.queued[r]] = k
+            state.queue_step[r, state.queued[r]] = step
+            state.queued[r] += 1
+            state.left_s[r] += tables.seconds[k]
+            total += 1
+    return total
+
+
+@inner_kernel
+def _earliest_start(
+    tables: PredictionTables, state: RolloutState, chosen: Indices, r: int, k: int
+) -> float:
+    """Return when an operation could start, -1 where what it depends on is not dispatched yet [s]."""
+    step = state.queue_step[r, state.head[r]]
+    start = state.clock[r]
+    start += tables.travel[
+        tables.travel_first[r] + state.at[r] * tables.starts[r] + tables.start[k]
+    ]
+    gate = tables.gate[k]
+    for a in range(tables.after_first[k], tables.after_first[k + 1]):
+        before = state.done[step, tables.after[a]]
+        if before < 0.0:
+            return _PENDING
+        start = max(start, before)
+    row = step * tables.kinds + tables.kind[k]
+    for w in range(tables.wait_first[row], tables.wait_first[row + 1]):
+        before = state.done_kind[tables.wait_step[w], tables.wait_kind[w]]
+        if before < 0.0:
+            return _PENDING
+        start = max(start, before)
+    if gate != k:
+        for a in range(tables.after_first[gate], tables.after_first[gate + 1]):
+            if state.done[step, tables.after[a]] < 0.0:
+                return _PENDING
+        row = step * tables.kinds + tables.kind[gate]
+        for w in range(tables.wait_first[row], tables.wait_first[row + 1]):
+            if state.done_kind[tables.wait_step[w], tables.wait_kind[w]] < 0.0:
+                return _PENDING
+    return float(start)
+
+
+@inner_kernel
+def _dispatch(
+    tables: PredictionTables,
+    volumes: Volumes,
+    state: RolloutState,
+    chosen: Indices,
+    r: int,
+    start: float,
+    conflicts: bool,
+) -> None:
+    """Carry out the next operation of a robot."""
+    k = state.queue[r, state.head[r]]
+    step = state.queue_step[r, state.head[r]]
+    now, past = start, 0.0
+    if conflicts:
+        for p in range(tables.piece_first[k], tables.piece_first[k + 1]):
+            now = _free_from(volumes, state, r, step, tables.volume[p], now)
+            now += (tables.until[p] - past) * tables.seconds[k]
+            past = tables.until[p]
+            _hold(state, r, step, tables.volume[p], now)
+        if tables.leaving[k] >= 0:
+            _hold(state, r, step, tables.leaving[k], now + tables.leaving_s[k])
+    else:
+        now += tables.seconds[k]
+    state.clock[r] = now
+    state.left_s[r] -= tables.seconds[k]
+    state.at[r] = tables.end[k]
+    state.head[r] += 1
+    state.done[step, k - tables.first[chosen[step]]] = now
+    state.done_kind[step, tables.kind[k]] = now
+
+
+@inner_kernel
+def _free_from(
+    volumes: Volumes, state: RolloutState, r: int, step: int, volume: int, now: float
+) -> float:
+    """Return when other robots have left a volume [s]."""
+    for other in range(len(state.held_count)):
+        if other == r:
+            continue
+        past = 0
+        for h in range(state.held_count[other] - 1, -1, -1):
+            if state.held_until[other, h] <= now:
+                past += 1
+                if past > 3:
+                    break
+                continue
+            if state.held_step[other, h] != step and do_volumes_meet(
+                volumes, volume, state.held[other, h]
+            ):
+                now = float(state.held_until[other, h])
+    return now
+
+
+@inner_kernel
+def _hold(state: RolloutState, r: int, step: int, volume: int, until: float) -> None:
+    count = state.held_count[r]
+    state.held[r, count] = volume
+    state.held_step[r, count] = step
+    state.held_until[r, count] = until
+    state.held_count[r] = count + 1

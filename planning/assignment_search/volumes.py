@@ -1,0 +1,150 @@
+"""Space that robots need on pieces of motions, as capsules at sampled configurations, and which of them meet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.cell.workcell import Workcell
+from planning.geometry.distance import segment_distance
+from planning.geometry.hull_table import HullTable
+from planning.geometry.robot_bodies import robot_bodies
+from planning.kernels import inner_kernel, kernel
+from planning.kinematics.chain import pose_joints
+from planning.packed import packed
+from planning.transforms import Array, Indices
+
+SAMPLES = 3
+"""Configurations of a piece at which its robot is placed."""
+
+MARGIN = 0.01
+"""Kept on top of the clearance, for what lies between the samples and for loads [m]."""
+
+_UNKNOWN = -1
+
+
+class Volumes(NamedTuple):
+    """Volumes, for compiled code.
+
+    Attributes:
+        first: where the capsules of a volume begin, shape (v + 1,).
+        ends: their starts and ends in the world, shape (all, 2, 3) [m].
+        radius: their radii, with half the distance to keep, shape (all,) [m].
+        box: bounds of each volume, shape (v, 6) [m].
+        known: whether two volumes meet, -1 where that has not been asked yet, shape (v, v).
+    """
+
+    first: Indices
+    ends: Array
+    radius: Array
+    box: Array
+    known: np.ndarray
+
+
+def build_volumes(
+    cell: Workcell, robots: Sequence[str], pieces: Sequence[Array]
+) -> Volumes:
+    """Return the volumes of pieces of motions.
+
+    Args:
+        cell: the robots, and the distance that they keep.
+        robots: whose each piece is.
+        pieces: configurations of each, shape (SAMPLES, n).
+    """
+    keep = 0.5 * (cell.clearances.robot_robot + MARGIN)
+    tables = {robot.name: robot_bodies(robot).hulls for robot in cell.robots}
+    sizes = [SAMPLES * len(tables[name].radius) for name in robots]
+    first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    ends, radius = np.empty((first[-1], 2, 3)), np.empty(first[-1])
+    box = np.empty((len(pieces), 6))
+    for k, (name, piece) in enumerate(zip(robots, pieces, strict=True)):
+        table, own = tables[name], slice(first[k], first[k + 1])
+        place_volume(table, np.ascontiguousarray(piece), ends[own])
+        radius[own] = np.tile(table.radius + keep, SAMPLES)
+        thick = radius[own, None]
+        box[k, :3] = np.min(ends[own].min(axis=1) - thick, axis=0, initial=np.inf)
+        box[k, 3:] = np.max(ends[own].max(axis=1) + thick, axis=0, initial=-np.inf)
+    known = np.full((len(pieces), len(pieces)), _UNKNOWN, dtype=np.int8)
+    return packed(Volumes(first, ends, radius, box, known))
+
+
+@kernel
+def place_volume(hulls: HullTable, piece: Array, ends: Array) -> None:
+    """Write the capsules of a robot at the configurations of a piece.
+
+    Args:
+        hulls: the bodies of the robot.
+        piece: shape (s, n).
+        ends: starts and ends of the capsules, shape (s * capsules, 2, 3), written here [m].
+    """
+    poses = np.empty((piece.shape[1] + 1, 4, 4))
+    own, joint, first = hulls.ends, hulls.joint, hulls.capsule_first
+    out = 0
+    for k in range(piece.shape[0]):
+        pose_joints(hulls.robot, piece[k], poses)
+        for body in range(len(joint)):
+            at = joint[body] + 1
+            for c in range(first[body], first[body + 1]):
+                for e in range(2):
+                    for r in range(3):
+                        value = poses[at, r, 3]
+                        for i in range(3):
+                            value += poses[at, r, i] * own[c, e, i]
+                        ends[out, e, r] = value
+                out += 1
+
+
+@inner_kernel
+def do_volumes_meet(volumes: Volumes, a: int, b: int) -> bool:
+    """Tell whether two volumes meet."""
+    known = volumes.known
+    if known[a, b] < 0:
+        meets = _search_contact(volumes, a, b)
+        known[a, b] = known[b, a] = 1 if meets else 0
+    return bool(known[a, b] == 1)
+
+
+@inner_kernel
+def _search_contact(volumes: Volumes, a: int, b: int) -> bool:
+    first, ends, radius, box = (
+        volumes.first,
+        volumes.ends,
+        volumes.radius,
+        volumes.box,
+    )
+    for r in range(3):
+        if box[a, r] > box[b, r + 3] or box[b, r] > box[a, r + 3]:
+            return False
+    for i in range(first[a], first[a + 1]):
+        thick = radius[i]
+        outside = False
+        for r in range(3):
+            low = min(ends[i, 0, r], ends[i, 1, r]) - thick
+            high = max(ends[i, 0, r], ends[i, 1, r]) + thick
+            if low > box[b, r + 3] or box[b, r] > high:
+                outside = True
+        if outside:
+            continue
+        ux = ends[i, 1, 0] - ends[i, 0, 0]
+        uy = ends[i, 1, 1] - ends[i, 0, 1]
+        uz = ends[i, 1, 2] - ends[i, 0, 2]
+        for j in range(first[b], first[b + 1]):
+            near = thick + radius[j]
+            apart = segment_distance(
+                (ux, uy, uz),
+                (
+                    ends[j, 1, 0] - ends[j, 0, 0],
+                    ends[j, 1, 1] - ends[j, 0, 1],
+                    ends[j, 1, 2] - ends[j, 0, 2],
+                ),
+                (
+                    ends[i, 0, 0] - ends[j, 0, 0],
+                    ends[i, 0, 1] - ends[j, 0, 1],
+                    ends[i, 0, 2] - ends[j, 0, 2],
+                ),
+            )
+            if apart < near * near:
+                return True
+    return False
