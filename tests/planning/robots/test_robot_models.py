@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from itertools import combinations, pairwise
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
 from planning.kinematics.chain import joint_table, pose_joints
 from planning.kinematics.kinematics import frame_pose
-from planning.robots import self_collision
 from planning.robots.descriptions.fitting import Fitting
 from planning.robots.descriptions.urdf_file import UrdfOptions
 from planning.robots.load_urdf import load_urdf, shape_vertices
@@ -121,47 +120,6 @@ def test_exempt_pairs_stay_apart_in_random_configurations(name: str) -> None:
     assert proved
     for q in rng.uniform(model.lower, model.upper, (40, model.dof)):
         assert all(part_distance(model, q, a, b) > 0.0 for a, b in proved)
-
-
-def test_balls_and_measured_distances_exempt_the_same_pairs(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    model = robot_model("fr3")
-    parts = model.parts[:8]
-    given = (model.chain, parts, model.lower, model.upper, model.home)
-    found = self_collision._Pairs(*given).apart()
-    # Balls that say nothing: everything is measured.
-    unknown: Array = np.array([0.0, 0.0, 0.0, np.inf, -np.inf])
-    monkeypatch.setattr(self_collision, "_balls", lambda _: unknown)
-    assert self_collision._Pairs(*given).apart() == found
-
-
-def test_a_robot_of_balls_needs_few_measured_distances(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ball = "<collision><origin xyz='{} 0 0'/><geometry><sphere radius='0.05'/></geometry></collision>"
-    balls = "".join(ball.format(x) for x in (0.05, 0.12, 0.2))
-    links = [f"<link name='{name}'>{balls}</link>" for name in "abcd"]
-    joints = [
-        f"<joint name='{a}{b}' type='revolute'><parent link='{a}'/><child link='{b}'/>"
-        "<origin xyz='0.25 0 0'/><axis xyz='0 0 1'/><limit lower='-2' upper='2' effort='1'"
-        " velocity='1'/></joint>"
-        for a, b in pairwise("abcd")
-    ]
-    file = tmp_path / "balls.urdf"
-    file.write_text(f"<robot name='balls'>{''.join(links + joints)}</robot>")
-    distance, measured = self_collision._Pairs._distance, []
-
-    def counted(pairs: Any, *args: Any) -> float:
-        measured.append(args)
-        return distance(pairs, *args)
-
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(self_collision._Pairs, "_distance", counted)
-    model = load_urdf(file)
-    assert len(model.parts) == 12
-    assert 33 < len(model.never_collide) < 66  # 33 of neighbours
-    assert len(measured) < 400  # of some thousands
 
 
 def test_folded_arm_is_seen_to_touch_itself() -> None:
