@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
+from planning.motion.full_turns import without_turns
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import path_times
 from planning.tasks.task import StepTasks, Task, TaskKind, cell_with_steps
@@ -134,9 +135,3 @@ def _skill(
     else:
         times = np.linspace(0.0, seconds, len(path))
     return RobotOperation(task.robot, task.kind, path, times, tuple(after))
-
-
-def without_turns(apart: Array, turning: np.ndarray) -> Array:
-    """Return the least differences of joint values modulo whole turns, shape (..., n)."""
-    least = (apart + np.pi) % (2 * np.pi) - np.pi
-    return np.where(turning, least, apart)

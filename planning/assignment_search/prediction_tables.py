@@ -12,10 +12,10 @@ from planning.assignment_search.operations import (
     TRAVEL,
     RobotOperation,
     list_operations,
-    without_turns,
 )
 from planning.assignment_search.volumes import SAMPLES, Volumes, build_volumes
 from planning.cell.workcell import Workcell
+from planning.motion.full_turns import without_turns
 from planning.motion.sequential import MotionSettings
 from planning.packed import packed
 from planning.tasks.assembly import Assembly
@@ -25,10 +25,10 @@ from planning.transforms import Array, Indices
 
 _PIECES = {TRAVEL: 4}
 _SKILL_PIECES = 3
-"""Pieces of an operation, each of which is in the way of others, or not, as a whole."""
+"""Pieces of an operation; conflicts are looked up for whole pieces."""
 
 _LEAVING = 0.4
-"""Share of the way HOME that a robot needs to leave the place of its work."""
+"""Share of the straight motion HOME after which a robot has left its place of work."""
 
 
 class PredictionTables(NamedTuple):
@@ -251,10 +251,12 @@ class _TableBuilder:
     def _leaving(self, item: RobotOperation) -> tuple[int, float]:
         robot = self._cell.robot(item.robot)
         start = item.path[-1]
-        way = _LEAVING * without_turns(robot.home - start, ~robot.model.chain.prismatic)
+        retreat = _LEAVING * without_turns(
+            robot.home - start, ~robot.model.chain.prismatic
+        )
         shares = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-        seconds = self._settings.speeds[item.robot].duration(start, start + way)
-        return self._piece(item.robot, start + shares * way), seconds
+        seconds = self._settings.speeds[item.robot].duration(start, start + retreat)
+        return self._piece(item.robot, start + shares * retreat), seconds
 
     def _piece(self, robot: str, samples: Array) -> int:
         key = self._number[robot], samples.tobytes()

@@ -39,9 +39,9 @@ def search_assignments(
         settings: how tasks are turned into motions.
     """
     problem = work.problem
-    choices = list(islice(step_choices(problem), MOST_CHOICES + 1))
     if problem.kept or problem.changes or cell.machines:
         return []
+    choices = list(islice(step_choices(problem), MOST_CHOICES + 1))
     if len(choices) > MOST_CHOICES:
         return []
     number = {choice: k for k, choice in enumerate(choices)}

@@ -52,6 +52,17 @@ def take_near_turns(
     return replace(step, tasks=tuple(tasks[t.index] for t in step.tasks)), reached
 
 
+def without_turns(apart: Array, turning: np.ndarray) -> Array:
+    """Return the least differences of joint values modulo whole turns, shape (..., n).
+
+    Args:
+        apart: differences, shape (..., n) [rad or m].
+        turning: whether each joint turns, shape (n,); others keep their difference.
+    """
+    least = (apart + np.pi) % (2 * np.pi) - np.pi
+    return np.where(turning, least, apart)
+
+
 def _turn(
     cell: Workcell,
     robot: str,

@@ -15,12 +15,12 @@ import numpy as np
 import pulp
 
 from planning.cell.workcell import Workcell
+from planning.motion.full_turns import without_turns
 from planning.motion.sequential import MotionSettings
 from planning.silence import QuietHighs
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
 from planning.tasks.task import StepTasks, Task, TaskKind, cell_with_steps
-from planning.transforms import Array
 
 _MOST_WAYS = 2000
 """Greatest number of alternatives of an assembly for which a bound is computed."""
@@ -98,7 +98,7 @@ def _busy_seconds(
                 continue
             start = at if at is not None else ended
             if start is not None and ended is not None:
-                apart = _without_turns(start - ended, turning)
+                apart = without_turns(start - ended, turning)
                 total += speed.duration(np.zeros_like(apart), apart)
             seconds = settings.seconds_of(here, _of_known(here, task))
             path = task.path if start is None else np.vstack([start, task.path])
@@ -119,12 +119,6 @@ def _of_known(cell: Workcell, task: Task) -> Task:
     while name and name not in names:
         name = name.rpartition(".")[0]
     return task if name == task.object else replace(task, object=name or None)
-
-
-def _without_turns(apart: Array, turning: np.ndarray) -> Array:
-    """Return the least differences of joint values modulo whole turns."""
-    least = (apart + np.pi) % (2 * np.pi) - np.pi
-    return np.where(turning, least, apart)
 
 
 def least_load(alternatives: list[AlternativeLoad], unlimited: frozenset[str]) -> float:

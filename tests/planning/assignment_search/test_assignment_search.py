@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from planning.assignment_search.annealing import anneal, list_neighbours
-from planning.assignment_search.operations import list_operations, without_turns
+from planning.assignment_search.operations import list_operations
 from planning.assignment_search.prediction_tables import PredictionModel, build_model
 from planning.assignment_search.rollout import predict_makespan
+from planning.motion.full_turns import without_turns
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
 from planning.transforms import Array, Indices
