@@ -240,7 +240,7 @@ def _repeated(plan: PlanResult, watch: StageWatch) -> PlanResult:
 class CoordinatedPlans:
     """Plans of the same motions by their names in twin.runs.policies, made when they are first asked for.
 
-    What robots do within their limits takes the time that it needs; see ``timed``.
+    Motions within the limits of robots are timed by ``time_parameterize``.
 
     Args:
         motions: assignment and motions, one task after another.
@@ -383,7 +383,7 @@ def _promising_motions(
     return [
         first if plan is start else _with_plan(scenario, first, plan)
         for plan in found
-        if plan.makespan_s <= longest
+        if plan is start or plan.makespan_s <= longest
     ]
 
 
