@@ -234,7 +234,7 @@ class Workcell:
     def start_state(self) -> WorldState:
         """Return the state in which every robot is at HOME and every object at its start.
 
-        Objects that come up later are not part of it.
+        It has no objects that arrive later.
         """
         return WorldState(
             {r.name: r.home for r in self.robots},

@@ -246,7 +246,7 @@ def describe_missed_contact(
         rules: of the assembly, where the tool has none of its own.
 
     Returns:
-        None where it would, or where this cannot be told from its shapes.
+        None where it would, or where its shapes do not show this.
     """
     own, tip = (
         tool_rules(rules, robot.model.grip),

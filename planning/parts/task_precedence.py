@@ -43,7 +43,7 @@ def waiting_tasks(
     are to come ``after``, and for those without which something would fall. Others need not wait
     for each other: what else must be kept in order follows from collisions.
 
-    A pick waits for the part to be there, if it comes up. What leaves waits for all that was done to
+    The pick of a part that a source supplies waits for its arrival. What leaves waits for all that was done to
     it, and whatever is done at the place of the next product for that to be gone.
     """
     tasks_of = ((own.step, task) for own in steps for task in own.tasks)

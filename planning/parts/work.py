@@ -39,7 +39,7 @@ class PartWork(Assembly):
 
     @property
     def needs(self) -> frozenset[tuple[int, int]]:
-        """Pairs of steps: supports, and what is done about a part before."""
+        """Pairs of steps: a support and what it bears, and consecutive steps about one part."""
         pairs = {(a + 1, b + 1) for a, b in self.candidates.balance}
         found = frozenset(pairs.union(*map(pairwise, _passing(self.built).values())))
         if self.count is None:

@@ -159,8 +159,8 @@ def moved_spans(
         begin = np.full(len(chain), np.inf)
         end = np.full(len(chain), np.inf)
         end[: min(int(rows.node.max(initial=-1)) + 1, len(chain))] = 0.0
-        way = np.abs(np.diff(rows.q, axis=0)).max(axis=1, initial=0.0)
-        steps = np.flatnonzero((way > 0.0) & ~_standing(rows, way))
+        travel = np.abs(np.diff(rows.q, axis=0)).max(axis=1, initial=0.0)
+        steps = np.flatnonzero((travel > 0.0) & ~_standing(rows, travel))
         nodes = rows.node[steps + 1]
         inside = (nodes >= 0) & (nodes < len(chain))
         steps, nodes = steps[inside], nodes[inside]
@@ -171,18 +171,18 @@ def moved_spans(
     return out
 
 
-def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
+def _standing(rows: RobotRows, travel: Array) -> npt.NDArray[np.bool_]:
     """Return which steps between rows belong to a pushed robot at rest, shape (k - 1,).
 
     Such a step leads to a row that is repeated as the first one of the next node.
 
     Args:
         rows: of the robot.
-        way: largest joint displacement in each step, shape (k - 1,).
+        travel: largest joint displacement in each step, shape (k - 1,).
     """
     again = (np.diff(rows.t) == 0.0) & (np.diff(rows.node) != 0)
-    found = np.append(again[1:], False)[: len(way)]
-    return np.asarray(found & (way <= rows.still))
+    found = np.append(again[1:], False)[: len(travel)]
+    return np.asarray(found & (travel <= rows.still))
 
 
 def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:

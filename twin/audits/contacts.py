@@ -40,10 +40,10 @@ NODE_SLACK = 0.001
 
 
 _NEAR, _FARTHER = 0.02, 3.0
-"""Two robots are first looked for up to this distance [m], then so many times as far."""
+"""First search distance for two robots [m], and the factor by which it then grows."""
 
 _LATER = 8
-"""Stretches in which robots are far apart are put off, at most so many."""
+"""Greatest number of postponed stretches in which robots are far apart."""
 
 Allowed = Mapping[frozenset[str], Sequence[AllowedContact]]
 """Contacts that may be, by pair."""

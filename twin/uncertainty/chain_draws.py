@@ -234,7 +234,7 @@ class ChainDraws:
     ) -> list[Standstills]:
         """Return the events of a Poisson process of the robot's busy time.
 
-        The process is memoryless, so it may start anew with every task.
+        The process is memoryless, so each task may start it again.
         """
         own = self.own
         found = []

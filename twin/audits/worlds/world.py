@@ -160,7 +160,7 @@ class AuditWorld:
         own = self.robots[robot]
         return np.asarray(own.joint_frames_along(q)[:, -1] @ own.flange)
 
-    def reach(self, item: WatchedShape, origin: Array, way: Array) -> float:
+    def reach(self, item: WatchedShape, origin: Array, direction: Array) -> float:
         """Return the extent of a placed shape along a direction from a point [m].
 
         Measured to a wall in front of it that is larger than any tool.
@@ -168,13 +168,15 @@ class AuditWorld:
         Args:
             item: the shape.
             origin: the point, in the world, shape (3,) [m].
-            way: unit direction, shape (3,).
+            direction: unit direction, shape (3,).
         """
-        aside = np.eye(3)[np.argmin(np.abs(way))]
-        aside = np.cross(way, aside) / np.linalg.norm(np.cross(way, aside))
+        normal = np.eye(3)[np.argmin(np.abs(direction))]
+        normal = np.cross(direction, normal) / np.linalg.norm(
+            np.cross(direction, normal)
+        )
         pose = np.eye(4)
-        pose[:3, :3] = np.column_stack([way, aside, np.cross(way, aside)])
-        pose[:3, 3] = origin + 1.5 * _WALL * way
+        pose[:3, :3] = np.column_stack([direction, normal, np.cross(direction, normal)])
+        pose[:3, 3] = origin + 1.5 * _WALL * direction
         self.place(self._wall, pose)
         return _WALL - self.distance(item, self._wall, FAR)
 

@@ -92,7 +92,7 @@ def _missing_orientation(
     """Return the reachable and the needed orientations as text, empty if some robot reaches the needed ones.
 
     Args:
-        wanted: robots, each with the orientations that one way to do the step needs, in the world, shape (3, 3).
+        wanted: robots, each with the orientations that one alternative of the step needs, in the world, shape (3, 3).
         frame: of their tools.
     """
     if not wanted or any(
