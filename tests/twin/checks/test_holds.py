@@ -108,7 +108,7 @@ def test_the_audit_sees_what_planning_would_not_have_seen(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A planner that asks for no pads has its run, and the audit finds the grip in it."""
-    monkeypatch.setattr(tool_grips, "why_not_held", lambda *_, **__: None)
+    monkeypatch.setattr(tool_grips, "explain_not_held", lambda *_, **__: None)
     changes, _, words = PLANTED[case]
     scenario = load_scenario(written(tmp_path, CELL, *changes))
     planned = plan_scenario(scenario, tmp_path)
