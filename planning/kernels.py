@@ -12,6 +12,7 @@ from hashlib import sha256
 from itertools import count
 from pathlib import Path
 from pickle import UnpicklingError
+from types import CodeType
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -20,6 +21,7 @@ from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.untyped_passes import InlineClosureLikes, MakeFunctionToJitFunction
 
 _log = logging.getLogger(__name__)
 
@@ -42,6 +44,8 @@ _UNREADABLE = (
     ValueError,
 )
 """Errors of reading a cache that another version wrote, or that was cut off."""
+
+_FOR_CLOSURES = (InlineClosureLikes, MakeFunctionToJitFunction)
 
 _numbers = count()
 
@@ -108,9 +112,11 @@ class _Cache(FunctionCache):
                 self.flush()  # type: ignore[no-untyped-call]
             return None
 
-    def _save_overload(self, *compiled: Any) -> None:
+    def _save_overload(self, signature: Any, compiled: Any) -> None:
+        # Types of all variables as text for people: nothing that loads the code reads it.
+        compiled = compiled._replace(type_annotation="")
         try:
-            super()._save_overload(*compiled)  # type: ignore[no-untyped-call]
+            super()._save_overload(signature, compiled)  # type: ignore[no-untyped-call]
         except OSError as error:
             _warn_of_no_cache(f"{self.cache_path}: {error.strerror or error}")
 
@@ -128,7 +134,22 @@ class _NoEngine:
         """Do nothing."""
 
 
-class _InnerLibrary(JITCodeLibrary):
+class _Library(JITCodeLibrary):
+    """Code of a kernel.
+
+    Each function is simplified lightly before it is linked into those that call it: these are optimised as
+    a whole afterwards.
+    """
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                passes, builder = self._codegen._function_pass_manager(opt=1)
+                passes.run(function, builder)
+
+
+class _InnerLibrary(_Library):
     """Code of a function that only kernels call.
 
     It is linked into these, optimised there, and becomes machine code there only.
@@ -155,20 +176,41 @@ class _InnerLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-class _InnerCompiler(Compiler):
-    """Compiles functions that only kernels call."""
+class _KernelCompiler(Compiler):
+    """Compiles functions that are called from Python."""
 
     def define_pipelines(self) -> Any:
-        """Return the passes, after saying where the code goes."""
+        """Return the passes, those for closures only where there may be any, after saying where the code goes."""
+        self.state.library = self._create_library()
+        (passes,) = super().define_pipelines()  # type: ignore[no-untyped-call]
+        code = self.state.func_id.code
+        nested = any(isinstance(value, CodeType) for value in code.co_consts)
+        # Lists that are appended to in a loop are rewritten by the same pass.
+        if not nested and "append" not in code.co_names:
+            passes.passes = [
+                step for step in passes.passes if step[0] not in _FOR_CLOSURES
+            ]
+            passes.finalize()
+        return [passes]
+
+    def _create_library(self) -> JITCodeLibrary:
         codegen = self.state.targetctx.codegen()
-        name = f"inner {next(_numbers)}"
-        self.state.library = _InnerLibrary(codegen, name)  # type: ignore[no-untyped-call]
-        return super().define_pipelines()  # type: ignore[no-untyped-call]
+        library = _Library(codegen, self.state.func_id.func_qualname)  # type: ignore[no-untyped-call]
+        library.enable_object_caching()  # type: ignore[no-untyped-call]
+        return library
+
+
+class _InnerCompiler(_KernelCompiler):
+    """Compiles functions that only kernels call."""
+
+    def _create_library(self) -> JITCodeLibrary:
+        codegen = self.state.targetctx.codegen()
+        return _InnerLibrary(codegen, f"inner {next(_numbers)}")  # type: ignore[no-untyped-call]
 
 
 def kernel(function: Function) -> Function:
     """Compile a function that is called from Python."""
-    return _compiled(function, no_cfunc_wrapper=True)
+    return _compiled(function, no_cfunc_wrapper=True, pipeline_class=_KernelCompiler)
 
 
 def inner_kernel(function: Function) -> Function:
