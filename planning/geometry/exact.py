@@ -183,6 +183,8 @@ def place_at_middle(
         return solid.at_rest, 0.0
     carrier, joint, vertices = solid.carrier, solid.joint, solid.vertices
     pose = np.empty((3, 4))
+    # Writable copies: numba recompiles for read-only arrays.
+    q_a, q_b = np.array(q_a), np.array(q_b)
     moved = _carry(carrier, joint, vertices, solid.local, q_a, q_b, root, pose)
     return coal.Transform3s(pose[:, :3], pose[:, 3]), moved
 
