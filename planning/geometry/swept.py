@@ -337,8 +337,9 @@ def boxes_in_reach(
     half: Array,
     bounds: Array,
     room: float,
-) -> npt.NDArray[np.bool_]:
-    """Return which boxes a path may come near to, conservatively.
+    out: npt.NDArray[np.bool_],
+) -> None:
+    """Mark the boxes that a path may come near to, conservatively.
 
     Args:
         bodies: of the robot, with all it ever holds on the path.
@@ -347,11 +348,9 @@ def boxes_in_reach(
         half: their half edge lengths, shape (b, 3) [m].
         bounds: least and greatest corner of each, shape (b, 6) [m].
         room: least distance that matters [m].
-
-    Returns:
-        Shape (b,). Boxes that are left out keep more than ``room`` from every swept capsule.
+        out: becomes True for these, shape (b,). Those that stay False keep more than ``room`` from
+            every swept capsule.
     """
-    out = np.zeros(len(pose), dtype=np.bool_)
     around, box = bodies.sweeps.box, bodies.sweeps.body_box
     for s in range(len(path) - 1):
         set_stretch(bodies.hulls, path[s], path[s + 1], 0.0, 1.0)
@@ -363,7 +362,6 @@ def boxes_in_reach(
                 if not are_boxes_apart(box, o, bounds, b, room):
                     strayed = deviation_bound_at_box(bodies, o, pose[b], half[b], room)
                     out[b] = out[b] or strayed != NOWHERE
-    return out
 
 
 @inner_kernel

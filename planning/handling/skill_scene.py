@@ -77,16 +77,17 @@ class SkillScene:
         own = robot_bodies(robot, held)
         if error := self.cell.deviations.get(path.skill):
             own = with_deviations(own, robot, path.waypoints, error)
-        return boxes.only(
-            boxes_in_reach(
-                make_swept(own.hulls),
-                np.vstack([path.lead, path.path]),
-                boxes.places.pose[objects],
-                boxes.places.half[objects],
-                boxes.places.bounds[objects],
-                self.cell.clearances.robot_object + MARGIN,
-            )
+        near = np.zeros(len(boxes.places.pose[objects]), dtype=np.bool_)
+        boxes_in_reach(
+            make_swept(own.hulls),
+            np.vstack([path.lead, path.path]),
+            boxes.places.pose[objects],
+            boxes.places.half[objects],
+            boxes.places.bounds[objects],
+            self.cell.clearances.robot_object + MARGIN,
+            near,
         )
+        return boxes.only(near)
 
     def checker(
         self, path: SkillPath, boxes: StandingBoxes, phase: Phase, allowed: Pairs

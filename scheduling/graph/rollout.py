@@ -15,6 +15,9 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import FlatGraph, flatten_graph, planned_ranks
 
+_EXACT = 2.0**52
+"""Sums of integers below this are exact in floats, with room for the error of their estimate."""
+
 
 @dataclass(frozen=True)
 class Rollout:
@@ -38,9 +41,9 @@ class Rollout:
 
 @kernel
 def _longest_paths(
-    graph: FlatGraph, duration: npt.NDArray[Any], earliest: npt.NDArray[Any]
-) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    start, end = np.zeros_like(duration), np.zeros_like(duration)
+    graph: FlatGraph, duration: Array, earliest: Array, start: Array, end: Array
+) -> None:
+    """Write the earliest start and end of each node, shape (nodes,)."""
     for n in graph.order:
         t = earliest[n]
         if n > graph.first[graph.chain[n]]:
@@ -49,7 +52,6 @@ def _longest_paths(
             t = max(t, end[graph.source[e]])
         start[n] = t
         end[n] = t + duration[n]
-    return start, end
 
 
 def earliest_times(
@@ -76,7 +78,7 @@ def earliest_times(
     floor = np.zeros_like(duration)
     if earliest is not None:
         floor = np.concatenate(earliest).astype(duration.dtype)
-    start, end = _longest_paths(graph, duration, floor)
+    start, end = _times(graph, duration, floor)
     cut = [slice(a, b) for a, b in pairwise(graph.first)]
     return Rollout(
         tuple(start[c] for c in cut),
@@ -85,16 +87,29 @@ def earliest_times(
     )
 
 
+def _times(
+    graph: FlatGraph, duration: npt.NDArray[Any], earliest: npt.NDArray[Any]
+) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Return the earliest start and end of each node, of the type of the durations, shape (nodes,)."""
+    dtype = duration.dtype
+    if float(duration.sum(dtype=float) + earliest.max(initial=0)) < _EXACT:
+        # Sums of such integers are exact in floats: the kernel need not be recompiled for integers.
+        duration = duration.astype(float, copy=False)
+        earliest = earliest.astype(float, copy=False)
+    start, end = np.empty_like(duration), np.empty_like(duration)
+    _longest_paths(graph, duration, earliest, start, end)
+    return start.astype(dtype, copy=False), end.astype(dtype, copy=False)
+
+
 @kernel
-def _latest_ends(graph: FlatGraph, duration: Array, makespan: float) -> Array:
-    end = np.full(len(duration), makespan)
+def _latest_ends(graph: FlatGraph, duration: Array, end: Array) -> None:
+    """Lower the latest end of each node, the makespan at first, shape (nodes,)."""
     for n in graph.order[::-1]:
         start = end[n] - duration[n]
         if n > graph.first[graph.chain[n]]:
             end[n - 1] = min(end[n - 1], start)
         for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
             end[graph.source[e]] = min(end[graph.source[e]], start)
-    return end
 
 
 def latest_ends(
@@ -109,5 +124,6 @@ def latest_ends(
     """
     flat = flat or flatten_graph(planned_ranks(tpg.chains), tpg.edges)
     duration = np.concatenate([*rollout.duration, np.empty(0)])
-    latest = _latest_ends(flat, duration, float(rollout.makespan))
+    latest = np.full(len(duration), float(rollout.makespan))
+    _latest_ends(flat, duration, latest)
     return np.split(latest, flat.first[1:-1])

@@ -84,7 +84,9 @@ def farthest(shape: Any, directions: Array) -> Array:
         )
     if isinstance(shape, coal.ConvexBase):
         across = np.ascontiguousarray(directions.T)
-        return np.asarray(_support(shape.points(), across) + grown)
+        most = np.full(len(directions), -np.inf)
+        _raise_support(shape.points(), across, most)
+        return np.asarray(most + grown)
     # Whatever else: the corners of the box around it.
     shape.computeLocalAABB()
     around = shape.aabb_local
@@ -93,17 +95,17 @@ def farthest(shape: Any, directions: Array) -> Array:
 
 
 @kernel
-def _support(points: Array, directions: Array) -> Array:
-    """Return the largest extent of points along directions, shape (k,).
+def _raise_support(points: Array, directions: Array, most: Array) -> None:
+    """Raise numbers to the largest extent of points along directions, where it is larger.
 
     Some directions at a time, all of them point by point: that is what processors do several of at once.
 
     Args:
         points: shape (p, 3).
         directions: shape (3, k).
+        most: shape (k,), written.
     """
     count = directions.shape[1]
-    most = np.full(count, -np.inf)
     for begin in range(0, count, _AT_ONCE):
         end = min(begin + _AT_ONCE, count)
         x, y, z = directions[0], directions[1], directions[2]
@@ -112,7 +114,6 @@ def _support(points: Array, directions: Array) -> Array:
             for k in range(begin, end):
                 along = a * x[k] + b * y[k] + c * z[k]
                 most[k] = along if along > most[k] else most[k]
-    return most
 
 
 def farthest_from(shape: Any, places: Array) -> Array:

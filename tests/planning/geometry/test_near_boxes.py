@@ -68,13 +68,15 @@ def test_whoever_touches_is_in_reach(
     path = np.array([MODEL.home + first, MODEL.home + last])
     items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
     boxes = stand_boxes((), [p for i in items for p in i.shape.placed(i.name, i.start)])
-    near = boxes_in_reach(
+    near = np.zeros(len(boxes.pose), dtype=np.bool_)
+    boxes_in_reach(
         make_swept(robot_bodies(ROBOT).hulls),
         path,
         boxes.pose,
         boxes.half,
         boxes.bounds,
         0.0005,
+        near,
     )
     kept = [item for item, close in zip(items, near, strict=True) if close]
     assert checker(items).motion_free(*path) == checker(kept).motion_free(*path)

@@ -130,10 +130,12 @@ def _plain_ends(
     return ends
 
 
-def test_ends_are_longest_paths(tpg: TemporalPlanGraph) -> None:
+@pytest.mark.parametrize("unit", [1, 2**24 + 1], ids=["exact in floats", "too large"])
+def test_ends_are_longest_paths(tpg: TemporalPlanGraph, unit: int) -> None:
     rng = np.random.default_rng(1)
     durations = [
-        rng.integers(0, 10**9, len(chain)).astype(np.int64) for chain in tpg.chains
+        rng.integers(0, 10**9, len(chain)).astype(np.int64) * unit
+        for chain in tpg.chains
     ]
     rollout = earliest_times(tpg, durations)
     plain = _plain_ends(tpg, durations)
