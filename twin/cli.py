@@ -5,6 +5,7 @@ Basic commands such as ``twin run`` are in twin/commands/; twin/registry.py list
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from typing import Annotated
@@ -13,6 +14,9 @@ import typer
 
 from twin.host.guard import ExitCode, print_error
 from twin.registry import COMMANDS
+
+_COLLECT_AFTER = 100_000
+"""New objects before garbage is collected: imports and plans make many that stay."""
 
 app = typer.Typer(
     name="twin",
@@ -54,6 +58,7 @@ for _name, _command in COMMANDS.load_all().items():
 
 def main() -> None:
     """Run the program; see ``twin --help``."""
+    gc.set_threshold(_COLLECT_AFTER)
     try:
         app()
     except KeyboardInterrupt:
