@@ -22,7 +22,7 @@ from twin.uncertainty.node_times import NodeTimes, Standstill
 from twin.uncertainty.stopped_skills import stopped_skill
 
 _AFTER_MESSAGES = EventPriority(8)
-"""Priority of decisions at borders: what arrives at the same time counts."""
+"""Priority of decisions at borders of nodes: messages that arrive at the same time are processed first."""
 
 
 class DrivenRobots(RobotPort):
@@ -84,7 +84,7 @@ class DrivenRobots(RobotPort):
             start, end = np.array(cell.start[k]), np.array(cell.end[k])
             took = end - start - waited
             if cell.stops is not None:
-                # Stops are commands, and execution lags behind.
+                # Stops apply to commands, which execution lags behind.
                 lag = self._drives[k].lag
                 opens = [self.rests_before(k, node) for node in range(len(length))]
                 commanded = np.where(opens, start, start - lag), end - lag
@@ -109,7 +109,7 @@ class DrivenRobots(RobotPort):
         for k, passage in enumerate(self._passages):
             rows = np.array(passage.commands, float).reshape(-1, 5)
             if override := self._cell.times.speed_override:
-                # Paths and speeds count from full speed as planned; stops of skills have no speed.
+                # Path parameters and speeds assume the planned full speed; stops within skills have none.
                 node = rows[:, 1].astype(np.int64)
                 moved = self._drives[k].length[node] > 0.0
                 rows[moved, 2:] *= override[k][node[moved]][:, None]
@@ -124,7 +124,7 @@ class DrivenRobots(RobotPort):
                 cell.queue[chain].popleft()
         elif cell.planned is None or self.rests_before(chain, node):
             yield from self._at_rest.until_released(chain, node)
-        # A graph that has been extended meanwhile may have another node there, after a rest.
+        # An extension of the graph may have replaced this node by one that begins at rest.
         opens = self.rests_before(chain, node)
         if opens and node and (lag := cell.end[chain][node - 1] - cell.now_ns) > 0:
             yield cell.env.timeout(lag)

@@ -35,8 +35,8 @@ class Ports:
 
     Attributes:
         robots: execute nodes.
-        supply: brings objects that arrive late; None where all are there.
-        replanner: extends the graph; None where it stays as it is.
+        supply: objects that arrive late; None if all are present from the beginning.
+        replanner: extends the graph after failures, see twin/operations/replanner.py; None for a fixed graph.
         audience: people next to the cell; None for none.
     """
 

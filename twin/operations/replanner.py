@@ -2,7 +2,8 @@
 
 A run continues after all attempts at a skill have failed, or after an outage of a robot. While the committed prefix
 is executed, the rest is planned from the world state at the end of that prefix. Then the extended graph replaces the
-old one.
+old one. ``Planner`` plans each revision; its subclass ``Recovery`` in twin/operations/recovery.py does so for bricks,
+goals and parts.
 """
 
 from __future__ import annotations
