@@ -152,7 +152,7 @@ EXPECTATIONS = Group(
 """Expectations on a run that its audit checks, by kind of assembly: called with the kind and the cell section."""
 
 SECTIONS = Group("sections", {"explore": "twin.explorations.section:ExploreSection"})
-"""Optional sections of wings at the top of a scenario, by their key; nothing of a run depends on them."""
+"""Optional top-level sections of a scenario, by their key; they do not affect runs."""
 
 COMMANDS = Group(
     "commands",

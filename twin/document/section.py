@@ -123,11 +123,11 @@ class Section(BaseModel):
         return self.model_copy(update=values)
 
 
-class WingSection(Section):
-    """Optional section of a wing at the top of a scenario, on which nothing of a run depends.
+class OptionalSection(Section):
+    """Optional top-level section of a scenario, which does not affect runs.
 
     Attributes:
-        purpose: what it is for, shown by editors.
+        purpose: purpose of the section, shown by editors.
     """
 
     purpose: ClassVar[str]
