@@ -15,7 +15,7 @@ from twin.rerun.plan_words import PlanWords
 from twin.runs.events import Event
 
 LONG_WAIT_NS = NANOSECONDS // 2
-"""A shorter wait is no warning [ns]: robots that pass each other wait so all the time."""
+"""Least wait that is shown as a warning [ns]: shorter ones are common when robots pass each other."""
 
 _QUIET, _SHOWN, _WARNING, _ERROR = "DEBUG", "INFO", "WARN", "ERROR"
 _LEVELS = {
@@ -33,8 +33,8 @@ def long_waits(events: Sequence[Event], end_ns: int) -> dict[int, bool | None]:
     """Return for each wait event, by index, whether the wait is long.
 
     Args:
-        events: of a run, or a part of it.
-        end_ns: until when all is known [ns]; a wait that is short until then is None.
+        events: events of a run, or of a part of it.
+        end_ns: time up to which all events are known [ns]; None is returned for waits that are still short then.
     """
     found: dict[int, bool | None] = {}
     waiting: dict[str, list[int]] = {}
