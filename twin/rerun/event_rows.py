@@ -11,7 +11,7 @@ import rerun as rr
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.rerun import entities
 from twin.rerun.entities import time_column
-from twin.rerun.plan_words import PlanWords
+from twin.rerun.plan_descriptions import PlanDescriptions
 from twin.runs.events import Event
 
 LONG_WAIT_NS = NANOSECONDS // 2
@@ -66,7 +66,12 @@ class EventBacklog:
         self._events.append((event, waits))
 
     def send(
-        self, rec: rr.RecordingStream, words: PlanWords, now_ns: int, *, ended: bool
+        self,
+        rec: rr.RecordingStream,
+        words: PlanDescriptions,
+        now_ns: int,
+        *,
+        ended: bool,
     ) -> None:
         """Write the events known at a time [ns], all once the run has ended."""
         long = long_waits([event for event, _ in self._events], now_ns)
@@ -115,14 +120,14 @@ def _column(values: Sequence[str] | Sequence[int]) -> pa.Array:
     return pa.ListArray.from_arrays(rows, pa.array(values))
 
 
-def _level(words: PlanWords, event: Event) -> str:
+def _level(words: PlanDescriptions, event: Event) -> str:
     """Return the log level of an event: lower for single nodes of a motion."""
     if event.kind in ("started", "completed"):
         return _SHOWN if words.is_skill(event.task) else _QUIET
     return _LEVELS.get(event.kind, _SHOWN)
 
 
-def _sentence(words: PlanWords, event: Event, *, taken: bool) -> str:
+def _sentence(words: PlanDescriptions, event: Event, *, taken: bool) -> str:
     if not event.robot:
         return f"run {event.kind}: {event.detail}"
     if taken:
