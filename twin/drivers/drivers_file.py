@@ -151,7 +151,7 @@ def read_drivers(path: Path, robots: tuple[str, ...]) -> DriversSection:
     ]
     if section.pace != 1.0 and real:
         words = (
-            f"pace: {real[0]} is a real robot, whose time goes as it goes: leave it out"
+            f"pace: {real[0]} is a real robot, whose speed cannot be scaled: leave it out"
         )
         problems.append(document.problem(("pace",), words))
     if problems:

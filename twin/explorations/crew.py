@@ -39,11 +39,11 @@ _CRASHES = 3
 """Workers that may die before they have begun anything: then the machine is at fault, not a design."""
 
 _START_S = 600.0
-"""How long a process may take to begin [s]."""
+"""Time limit for the start of a process [s]."""
 
 
 _OWN = threading.local()
-"""The crew of each thread of a worker, and what it evaluates."""
+"""State of each thread of a worker: its crew, and what that evaluates."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ class DesignTask:
     """A design to evaluate.
 
     Attributes:
-        number: by which it is known again.
+        number: number by which its result is identified.
         variant: its changes to the scenario.
-        longest_turns_s: a plan without shortcuts that is longer is behind [s].
-        planner_seed: in place of the scenario's; draws stay those of the scenario.
+        longest_turns_s: makespan of a plan without shortcuts above which the design is rejected as behind [s].
+        planner_seed: replaces the planner seed of the scenario; the seed of the draws stays the same.
     """
 
     number: int

@@ -70,9 +70,9 @@ class Finalist:
 
     Attributes:
         row: its evaluation in the search.
-        makespans_s: of new replications, NaN where one did not complete [s].
+        makespans_s: makespans of new replications, NaN for those that did not complete [s].
         goals: values of the goals over these; smaller is better.
-        behind: by how much it is worse than the best; None for that one, and where nothing is known.
+        behind: difference of its goal from that of the best design; None for the best one, and if unknown.
         apart: whether it is significantly worse; with several goals, than some other design in all of them.
         unsure: with several goals, whether another design may dominate it or be dominated by it.
     """

@@ -43,7 +43,7 @@ class Notice:
 
     Attributes:
         at_s: time of the run [s].
-        robot: whom it happened to, empty for the whole cell.
+        robot: robot that the event concerns, empty for the whole cell.
         kind: of the event.
         words: the text.
     """

@@ -44,7 +44,7 @@ class Roadmap(NamedTuple):
         spans: safe intervals, all of time if not computed yet, shape (v, SPANS, 2) [s].
         come: arrival time in each interval, infinity if not reached yet, shape (v, SPANS) [s].
         left: departure time from the previous vertex, shape (v, SPANS) [s].
-        parent: index of the previous vertex and its interval, shape (v, SPANS).
+        parent: previous vertex and interval, as vertex * SPANS + interval, shape (v, SPANS).
         rest: least time from each vertex to a goal, shape (v,) [s].
         blocked: whether the motion between two vertices collides with a static obstacle, shape (v, v).
         free: work array, shape (cells,).
