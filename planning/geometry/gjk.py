@@ -1,4 +1,4 @@
-"""Classification of the distance of two convex hulls (GJK), compiled."""
+"""Classification of the distance of two convex hulls (GJK), in compiled code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two moving carriers, each anywhere on its motion: capsules first, then hulls, compiled."""
+"""Two moving carriers, each anywhere on its motion: capsules first, then hulls, in compiled code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Separating planes of whole stretches of motion, compiled: many segments proved apart together.
+"""Separating planes of whole stretches of motion, in compiled code: many segments proved apart together.
 
 A stretch is a run of segments. Its joint values stay in a box, and near the straight line from its
 beginning to its end: two bounds on the positions of its bodies. Pairs that neither bound proves apart are

@@ -1,4 +1,4 @@
-"""Damped least squares (Levenberg-Marquardt) on the six-dimensional pose error, compiled.
+"""Damped least squares (Levenberg-Marquardt) on the six-dimensional pose error, in compiled code.
 
 The error is the vector between the positions and the rotation vector between the orientations,
 a metre weighing as much as a radian. Joint limits hold at every step.

@@ -1,4 +1,4 @@
-"""Collision checks against moving robots, compiled.
+"""Collision checks against moving robots, in compiled code.
 
 A motion is cut at the borders of the time cells: in each cell the swept volume of its whole stretch must be
 clear of the swept volumes of all other robots in the cell; where that fails, the cell is bisected a few

@@ -1,4 +1,4 @@
-"""Collision checks against static obstacles, and of robots with themselves, compiled.
+"""Collision checks against static obstacles, and of robots with themselves, in compiled code.
 
 Capsules propose pairs of bodies, hulls decide. A motion is halved until either is clear.
 """

@@ -1,4 +1,4 @@
-"""Safe-interval path planning over a roadmap, compiled: which edges, and where and when to wait.
+"""Safe-interval path planning over a roadmap, in compiled code: edges of the path, and waits at its vertices.
 
 Vertices are configurations, each with its safe intervals: the time spans in which the robot may stand
 there. The search expands intervals in order of earliest arrival (safe-interval path planning), and checks a

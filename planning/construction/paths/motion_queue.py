@@ -1,4 +1,4 @@
-"""Priority queue of motions over a roadmap, as a heap, compiled."""
+"""Priority queue of motions over a roadmap, as a heap, in compiled code."""
 
 from __future__ import annotations
 
