@@ -150,9 +150,7 @@ def read_drivers(path: Path, robots: tuple[str, ...]) -> DriversSection:
         if isinstance(own, FrankaArm | RegisteredDriver)
     ]
     if section.pace != 1.0 and real:
-        words = (
-            f"pace: {real[0]} is a real robot, whose speed cannot be scaled: leave it out"
-        )
+        words = f"pace: {real[0]} is a real robot, whose speed cannot be scaled: leave it out"
         problems.append(document.problem(("pace",), words))
     if problems:
         raise InvalidScenarioError(path, problems, document.lines)
