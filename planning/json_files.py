@@ -1,4 +1,4 @@
-"""Reading of JSON of bounded size."""
+"""Parser of JSON documents of bounded size."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 MOST_VALUES = 4_000_000
-"""Most values of a JSON document: they take some 100 bytes each in memory."""
+"""Greatest number of values in a JSON document; each takes some 100 bytes in memory."""
 
 _SURROGATE = re.compile(r"\\ud[89a-f]", re.IGNORECASE)
 

@@ -17,12 +17,12 @@ TEMPLATE = "tray"
 """Name of the shipped scenario that is copied by default."""
 
 SCHEMA = "scenario.schema.json"
-"""File of a new folder: what editors know of a scenario's keys."""
+"""File in a new folder: the JSON schema with which editors check and complete scenario keys."""
 
 _NAME = re.compile(
     r"(?!(?:true|false|null)$)[A-Za-z][A-Za-z0-9_.-]{0,63}", re.IGNORECASE
 )
-"""Names that YAML takes for texts, and scenarios for names."""
+"""Names that scenarios allow and that YAML reads as strings."""
 
 
 def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
@@ -39,7 +39,7 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
 
     Raises:
         ScenarioError: no scenario of that name comes with the program.
-        OutputError: the file is there already, or cannot be written.
+        OutputError: the file exists already, or cannot be written.
     """
     if name not in shipped_scenarios():
         choices = tuple(shipped_scenarios())

@@ -32,16 +32,16 @@ from twin.trial.run_result import RunResult
 from twin.uncertainty.contraction import Contraction, contract
 
 CONTROLLER_RATES_HZ = (125.0, 1000.0)
-"""Points a second that controllers take [Hz]."""
+"""Least and greatest rate of points that controllers accept [Hz]."""
 
 CONTROLLER_RATE_HZ = 250.0
 """Default rate of points [Hz]."""
 
 STILL = 1e-9
-"""What moves by less between two rows at which it stands is moved by rounding [rad or m]."""
+"""A joint that moves by less between two rows at rest counts as still: the difference is rounding [rad or m]."""
 
 Span = tuple[int, int]
-"""Start and end [ns]; -1 if it did not happen."""
+"""Start and end time [ns]; -1 for a start or end that has not happened."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,9 @@ class Segment:
         task: that the nodes belong to.
         nodes: the first and the last of them.
         after: segments that must be complete before it starts.
-        nominal: when it happens if everything takes as long as planned.
-        executed: when it happened in this run.
-        motion: from when to when of this run the points are, None where they are those of the plan.
+        nominal: its start and end if everything takes as long as planned.
+        executed: its start and end in this run.
+        motion: times of this run from which to which its motion was sampled; None if the points are the plan's.
         handlings: transfers of objects.
         t_ns: times of the points from the start of the segment, shape (points,) [ns].
         q: configurations, shape (points, n) [rad or m].
@@ -113,7 +113,7 @@ def require_rate(rate_hz: float, rates_hz: tuple[float, float]) -> None:
     """Refuse a rate that is out of a range [Hz].
 
     Raises:
-        OutputError: it is.
+        OutputError: the rate is out of the range.
     """
     low, high = rates_hz
     if not low <= rate_hz <= high:
@@ -224,9 +224,9 @@ def _of_chain(
 def _spans(run: RunResult, k: int, bounds: Indices, motion: Trajectory) -> Indices:
     """Return when the motion of each segment begins and ends, shape (segments, 2); -1 for never.
 
-    A node that is entered at speed counts as begun, and the one before it as complete, when the
-    robot has certainly passed their border, up to a lag after it has: motions are cut where it does.
-    A speed override makes the lag longer than planned.
+    Between two nodes without a stop, the next one is reported begun, and the one before it complete, only once the robot
+    has certainly passed their border: at most a lag after it has. This function returns the times of passing
+    the borders themselves. A speed override makes the lag longer than planned.
     """
     chain = run.tpg.chains[k]
     assert chain.drive is not None
@@ -270,7 +270,7 @@ def _period_ns(rate_hz: float) -> int:
 def _slowed(t_ns: Nanoseconds, q: Array, period: int) -> tuple[Nanoseconds, Indices]:
     """Return times of points at least a period apart [ns], and the points kept.
 
-    Left out is what neither lasts nor moves.
+    A point is left out if it has the time and the configuration of the one before it.
 
     Args:
         t_ns: as planned, the first 0, shape (points,) [ns].
@@ -288,8 +288,8 @@ def _sample_times(
 ) -> Nanoseconds:
     """Return times of points from a time to another [ns], both included.
 
-    They are a period apart, the last two up to two; none is between the first and the last at which
-    the robot stands.
+    They are a period apart, except that the last two may be up to two periods apart. A standstill has only a first
+    and a last point.
     """
     period = _period_ns(rate_hz)
     stop = max((end - begin) // period, 1)
