@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from twin.document.section import Name, Section, Two, with_tuples
-from twin.document.validation import Found
+from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 
 
@@ -64,7 +64,7 @@ def check_distinct_ends(
     placed: Iterable[str],
     done: str,
     by: str = "",
-) -> Found:
+) -> Problems:
     """Yield problems of a pair of equal names, or without a placed part."""
     first, second = ends
     if first == second:

@@ -12,7 +12,7 @@ from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workc
 from planning.errors import RequestError
 from planning.tasks.task import DOOR, Actuation, ActuationKey
 from planning.transforms import read_only_copy
-from twin.document.validation import Found
+from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel
@@ -158,7 +158,7 @@ class PartKind(AssemblyKind):
                 found[act, robot.name, robot.tool] = model
         return found
 
-    def problems(self, cell: CellSection) -> Found:
+    def problems(self, cell: CellSection) -> Problems:
         """Yield the problems of the section, such as unknown or repeated names."""
         return find_part_problems(self.section, cell)
 
