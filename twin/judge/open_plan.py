@@ -22,8 +22,8 @@ from planning.json_files import parse_json
 from twin.document.section import Section, Several
 from twin.document.validation import (
     FileProblem,
-    Problems,
     InvalidScenarioError,
+    Problems,
     key_label,
     schema_problems,
     unknown_name,
