@@ -16,13 +16,13 @@ from planning.transforms import Array, Indices
 
 _SUFFIXES = (".stl", ".obj")
 MOST_BYTES = 256 << 20
-"""Bytes of a file."""
+"""Greatest number of bytes of a file."""
 
 _MOST_FACES = 500_000
-"""Triangles of a file."""
+"""Greatest number of triangles of a file."""
 
 _BELIEVED = 5.0
-"""Longest edge that is taken to be in metres where no scale is given [m]."""
+"""Greatest edge of the bounding box of a mesh without a given scale, which is assumed to be in metres [m]."""
 
 _SIMPLER = "simplify it (MeshLab, Blender), or describe the shape by a compound"
 
@@ -46,10 +46,10 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTrian
     Args:
         path: of the file, for its kind and for messages.
         content: its bytes.
-        scale: factor to metres; None where not stated: 1, if the size is then believable.
+        scale: factor to metres; None for 1, which is refused if the size is then implausible.
 
     Raises:
-        ShapeError: it is no mesh, or none that could stand for a body.
+        ShapeError: the file is not a mesh, or the mesh cannot represent a body.
     """
     import trimesh
 

@@ -335,11 +335,11 @@ def _check_meshes(value: object, at: KeyPath, folder: Path) -> Problems:
     """Yield unusable meshes in nested sections."""
     for place, part in iterate_nested(value, at):
         if isinstance(part, ShapeSection) and part.mesh is not None:
-            from planning.meshes.mesh_form import mesh_form
+            from planning.meshes.mesh_loading import load_mesh
 
             try:
                 file = resolve_file_name(part.mesh, folder, ShapeError)
-                mesh_form(file, part.scale, part.within_m)
+                load_mesh(file, part.scale, part.within_m)
             except ShapeError as error:
                 yield (*place, "mesh"), str(error)
 
