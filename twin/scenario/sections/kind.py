@@ -223,7 +223,7 @@ class AssemblyKind(Protocol):
         """
         return 0, self.steps()
 
-    def place_misses(
+    def miss_probabilities(
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
         """Return how likely robots miss the places of what they put down, by ROBOT/OBJECT.
