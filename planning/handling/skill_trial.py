@@ -63,7 +63,10 @@ class PathObstacle:
         goal = goals[self.at]
         joint = goal.pose @ inverse(robot.model.frame_in_last_joint(goal.frame))
         there = Solid(mine.name, mine.body, joint @ mine.local)
-        return hull_distance_at(there, _NO_JOINTS, other, _NO_JOINTS) < limit - _CERTAIN_DEPTH
+        return (
+            hull_distance_at(there, _NO_JOINTS, other, _NO_JOINTS)
+            < limit - _CERTAIN_DEPTH
+        )
 
 
 class SkillTrial:
