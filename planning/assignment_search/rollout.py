@@ -118,7 +118,7 @@ def run_rollout(
     most: float,
 ) -> float:
     """Return the predicted makespan of an assignment, infinity where it exceeds ``most`` [s]."""
-    left = _begin(tables, state, chosen)
+    left = _queue_operations(tables, state, chosen)
     queue, head, queued = state.queue, state.head, state.queued
     while left > 0:
         best, soonest = -1, np.inf
@@ -142,7 +142,9 @@ def run_rollout(
 
 
 @inner_kernel
-def _begin(tables: PredictionTables, state: RolloutState, chosen: Indices) -> int:
+def _queue_operations(
+    tables: PredictionTables, state: RolloutState, chosen: Indices
+) -> int:
     """Queue the operations of all robots; return their number."""
     for r in range(len(state.queued)):
         state.queued[r] = state.head[r] = state.at[r] = 0
@@ -213,12 +215,12 @@ def _dispatch(
     now, past = start, 0.0
     if conflicts:
         for p in range(tables.piece_first[k], tables.piece_first[k + 1]):
-            now = _free_from(volumes, state, r, step, tables.volume[p], now)
+            now = _time_when_free(volumes, state, r, step, tables.volume[p], now)
             now += (tables.until[p] - past) * tables.seconds[k]
             past = tables.until[p]
-            _hold(state, r, step, tables.volume[p], now)
+            _occupy(state, r, step, tables.volume[p], now)
         if tables.leaving[k] >= 0:
-            _hold(state, r, step, tables.leaving[k], now + tables.leaving_s[k])
+            _occupy(state, r, step, tables.leaving[k], now + tables.leaving_s[k])
     else:
         now += tables.seconds[k]
     state.clock[r] = now
@@ -230,7 +232,7 @@ def _dispatch(
 
 
 @inner_kernel
-def _free_from(
+def _time_when_free(
     volumes: Volumes, state: RolloutState, r: int, step: int, volume: int, now: float
 ) -> float:
     """Return the earliest time from ``now`` at which other robots have left a volume [s]."""
@@ -252,7 +254,7 @@ def _free_from(
 
 
 @inner_kernel
-def _hold(state: RolloutState, r: int, step: int, volume: int, until: float) -> None:
+def _occupy(state: RolloutState, r: int, step: int, volume: int, until: float) -> None:
     count = state.held_count[r]
     state.held[r, count] = volume
     state.held_step[r, count] = step

@@ -25,7 +25,7 @@ _NAME = re.compile(
 """Names that scenarios allow and that YAML reads as strings."""
 
 
-def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
+def create_scenario(target: Path, name: str = TEMPLATE) -> Path:
     """Copy a shipped scenario to a path, with its referenced files next to it.
 
     Nothing is overwritten.
@@ -47,10 +47,10 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
             f"no scenario {name!r} comes with the program", choices=choices
         )
     source = shipped_scenarios()[name]
-    return write_beginning(target, source.read_text(encoding="utf-8"), source.parent)
+    return write_new_scenario(target, source.read_text(encoding="utf-8"), source.parent)
 
 
-def write_beginning(target: Path, text: str, folder: Path) -> Path:
+def write_new_scenario(target: Path, text: str, folder: Path) -> Path:
     """Write a scenario to a path, with its referenced files next to it.
 
     Args:

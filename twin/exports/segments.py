@@ -128,15 +128,15 @@ def segments(run: RunResult, rate_hz: float) -> Iterator[Segment]:
         rate_hz: of points where speeds are known, and the greatest one elsewhere [Hz].
     """
     found = contract(run.tpg)
-    after = _after(found)
+    after = _predecessors(found)
     nominal = earliest_times(
         run.tpg, [to_nanoseconds(chain.duration) for chain in run.tpg.chains]
     )
     for k, first in enumerate(found.first):
-        yield from _of_chain(run, k, first, after, nominal, rate_hz)
+        yield from _chain_segments(run, k, first, after, nominal, rate_hz)
 
 
-def _after(found: Contraction) -> dict[tuple[int, int], list[Predecessor]]:
+def _predecessors(found: Contraction) -> dict[tuple[int, int], list[Predecessor]]:
     """Return the predecessors of each segment among other robots."""
     out: dict[tuple[int, int], list[Predecessor]] = defaultdict(list)
     chains = found.tpg.chains
@@ -149,7 +149,7 @@ def _after(found: Contraction) -> dict[tuple[int, int], list[Predecessor]]:
     return out
 
 
-def _of_chain(
+def _chain_segments(
     run: RunResult,
     k: int,
     bounds: Indices,
@@ -178,7 +178,7 @@ def _of_chain(
         low, high = int(chain.first[first]), int(chain.first[end])
         q, v, a = stands[low : high + 1], None, None
         planned = np.append(0, passed[low:high] - zero)
-        slowed, kept = _slowed(planned, q, _period_ns(rate_hz))
+        slowed, kept = _at_least_apart(planned, q, _period_ns(rate_hz))
         t_ns, q = slowed[kept], q[kept]
         motion = None
         if smooth is not None and spans is not None and np.all(spans[index] >= 0):
@@ -267,7 +267,9 @@ def _period_ns(rate_hz: float) -> int:
     return math.ceil(NANOSECONDS / rate_hz)
 
 
-def _slowed(t_ns: Nanoseconds, q: Array, period: int) -> tuple[Nanoseconds, Indices]:
+def _at_least_apart(
+    t_ns: Nanoseconds, q: Array, period: int
+) -> tuple[Nanoseconds, Indices]:
     """Return times of points at least a period apart [ns], and the points kept.
 
     A point is left out if it has the time and the configuration of the one before it.
@@ -294,7 +296,7 @@ def _sample_times(
     period = _period_ns(rate_hz)
     stop = max((end - begin) // period, 1)
     runs, low = [], 0
-    for stands, moves in _stands(motion, begin, end):
+    for stands, moves in _standstills(motion, begin, end):
         first, last = -(-(stands - begin) // period), (moves - begin) // period
         if first < last:
             runs.append(np.arange(low, min(first + 1, stop)))
@@ -303,7 +305,7 @@ def _sample_times(
     return np.unique(np.append(begin + k * period, end))
 
 
-def _stands(motion: Trajectory, begin: int, end: int) -> Iterator[Span]:
+def _standstills(motion: Trajectory, begin: int, end: int) -> Iterator[Span]:
     """Yield the standstills of a robot between two times, in order [ns]."""
     assert motion.v is not None
     assert motion.a is not None
