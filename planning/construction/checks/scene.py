@@ -65,10 +65,10 @@ class Checks(NamedTuple):
     """Checks of a motion, each compiled once and shared by all callers.
 
     Attributes:
-        still: whether it is clear of static obstacles and of itself.
-        meeting: up to when is it clear of robots that move?
-        configuration: is the robot clear of all at one instant?
-        motion: is all of it clear of all?
+        still: whether it is clear of static obstacles and of self-collision.
+        meeting: time up to which it is clear of moving robots.
+        configuration: whether the robot is clear of all obstacles at one instant.
+        motion: whether the whole motion is clear of all obstacles.
     """
 
     still: SharedKernel
@@ -81,23 +81,23 @@ class MoverScene(NamedTuple):
     """A moving robot, its obstacles, and work arrays; one for each thread.
 
     Attributes:
-        own: its bodies, with what it holds, on the stretch on which they were swept last.
-        ends: room for the ends of a stretch, shape (2, n).
-        above: own bodies on the stretch as it is seen from a joint.
+        own: its bodies and what it holds, swept along the stretch that was checked last.
+        ends: work array for the ends of a stretch, shape (2, n).
+        above: own bodies on the stretch, in the frame of a joint.
         fleet: the robot, then all other carriers.
-        entity: number by which limits speak of a body, shape (bodies,).
+        entity: index of each body in ``limits``, shape (bodies,).
         tracks: the other robots.
         boxes: boxes of static obstacles.
         limits: least distances.
-        step: cells of time begin at multiples of this [s].
+        step: length of the time cells, which begin at its multiples [s].
         halvings: how often a cell may be halved where robots are close.
         widest: greatest of all least distances [m].
-        other, other_room: what another carrier sweeps, as one piece, and room for that.
+        other, other_room: work arrays for a piece of another carrier's swept volume.
         near: tracks or boxes near a motion.
         pairs: pairs of bodies near each other.
         counting: 0, 1, 2, ...
-        stack: stretches to be looked at, shape (256, 3).
-        scratch: to compare hulls in.
+        stack: stretches to be checked, shape (256, 3).
+        scratch: work array for comparing hulls.
         still, meeting, configuration, motion: see Checks.
     """
 
