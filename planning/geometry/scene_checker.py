@@ -224,7 +224,7 @@ class SceneChecker:
         A small part of what ``motion_free`` costs, and hardly ever wrong on short motions.
 
         Args:
-            q_a: where it begins, which is not looked at.
+            q_a: where it begins; this configuration is not checked.
             q_b: where it ends.
         """
         return self._clear(q_a, q_b, probing=True, whole=False)

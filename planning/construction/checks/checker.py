@@ -109,7 +109,7 @@ class SpaceTimeChecker:
     def motion_free(self, q0: Array, t0: float, q1: Array, t1: float) -> bool:
         """Tell whether the whole straight motion from (q0, t0) to (q1, t1) is free.
 
-        Speeds are not looked at.
+        Speeds are not checked.
         """
         return bool(is_motion_clear(self.scene, _c(q0), float(t0), _c(q1), float(t1)))
 

@@ -28,7 +28,7 @@ from planning.packed import ROW, SharedKernel
 from planning.transforms import Array
 
 _PROBE = 0.4
-"""Places on motions longer than this are looked at first [s, rad or m]."""
+"""On motions longer than this, single configurations are checked first [s, rad or m]."""
 
 _MOTION = ROW, float64, ROW, float64
 

@@ -53,7 +53,7 @@ def base_path(scene: MoverScene, query: Query, goal: int, most: int) -> Array:
             and a turn.
         query: the query.
         goal: which goal is driven to.
-        most: steps on the lattice that are looked at, at most.
+        most: greatest number of steps on the lattice.
 
     Returns:
         Configurations, shape (w, n), none where no way is known. The first is the start, the last
@@ -121,7 +121,7 @@ def lattice_path(
         goal: which goal is driven to.
         lattice: the places. The first and the last need not be clear, nor the steps from and to
             them.
-        most: steps that are looked at, at most.
+        most: greatest number of steps.
 
     Returns:
         Configurations and times of arrival there, shapes (w, n) and (w,), empty where there is

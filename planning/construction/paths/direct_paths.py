@@ -29,7 +29,7 @@ def direct_paths(
     Args:
         scene: what must be kept clear of.
         query: the query.
-        latest: no later arrival is looked at [s].
+        latest: latest arrival to consider [s].
         most: greatest number of paths; the first one that is clear of everything ends the search.
         shares: of the arm's time for which a robot may stand, from none to all of it; 0 for
             straight paths only.

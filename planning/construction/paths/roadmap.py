@@ -48,7 +48,7 @@ class Roadmap(NamedTuple):
         parent: which span of which vertex that was, likewise.
         rest: least time from there to a goal, shape (v,) [s].
         blocked: motions that are not clear of static obstacles, shape (v, v).
-        free: room to work in, shape (cells,).
+        free: work array, shape (cells,).
     """
 
     q: Array
