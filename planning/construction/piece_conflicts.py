@@ -47,8 +47,8 @@ class _CarrierPieces(NamedTuple):
         limits: least distance of two entities, shape (e, e) [m].
         least: the least distance [m].
         allowed: whether two entities may touch in a task, shape (tasks, e, e).
-        near: room for pairs of bodies.
-        scratch: room to work in.
+        near: work array for pairs of bodies.
+        scratch: work array.
     """
 
     fleet: RobotFleet

@@ -220,7 +220,7 @@ def sweep_piece(
         q_a, q_b: ends of their motion, shape (n,).
         p: which piece of ``out`` it is.
         out: written.
-        room: room to work in.
+        room: work array.
     """
     body, start = out.body_first[p], out.capsule_first[p]
     capsules, count, moved = hulls.capsule_first, len(hulls.radius), room.moved

@@ -18,7 +18,7 @@ _ROUND = float(np.cos(np.pi / 24))
 """Size of a round cup over that of the polygon around it which descriptions have."""
 
 _SHARE = 0.99 * _ROUND
-"""Cups are looked at so far out: one that is just as wide as a face is on it."""
+"""Share of a cup's radius that is checked, less than 1 so that a cup as wide as a face counts as lying on it."""
 
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
 

@@ -136,7 +136,9 @@ class _Build:
         mates = [n for n in range(k) if self._together[n] == self._together[k]]
         before = {*nx.ancestors(self._order, k), k}
         stepwise = any(
-            not joint.endless for n in (*mates, k) for joint in self._steps[n].joins
+            not joint.is_unlimited
+            for n in (*mates, k)
+            for joint in self._steps[n].joins
         )
         if not stepwise and k not in self._whole and self._carried(k, before):
             return None

@@ -70,7 +70,7 @@ class DescentRoom(NamedTuple):
         where: shares of both motions at which proposed pairs come close, shape (room, 2).
         on_a, on_b: stretches, posed.
         planes: direction in which two bodies were apart last, shape (bodies, bodies, 3).
-        scratch: room for the hulls.
+        scratch: work array for the hulls.
     """
 
     stack: Indices

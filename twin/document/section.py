@@ -82,11 +82,11 @@ def _plain(text: str) -> str:
 
 
 if TYPE_CHECKING:
-    Two = tuple[Item, Item]
-    Three = tuple[Item, Item, Item]
+    PairOf = tuple[Item, Item]
+    TripleOf = tuple[Item, Item, Item]
 else:
-    Two = Annotated[tuple[Item, ...], Field(min_length=2, max_length=2)]
-    Three = Annotated[tuple[Item, ...], Field(min_length=3, max_length=3)]
+    PairOf = Annotated[tuple[Item, ...], Field(min_length=2, max_length=2)]
+    TripleOf = Annotated[tuple[Item, ...], Field(min_length=3, max_length=3)]
 
 
 class Section(BaseModel):

@@ -22,8 +22,8 @@ from planning.json_files import parse_json
 from twin.document.section import Section, Several
 from twin.document.validation import (
     FileProblem,
-    Found,
     InvalidScenarioError,
+    Problems,
     key_label,
     schema_problems,
     unknown_name,
@@ -224,7 +224,7 @@ def read_open_plan(path: Path) -> OpenPlan:
     return plan
 
 
-def require_no_faults(path: Path, problems: Found) -> None:
+def require_no_faults(path: Path, problems: Problems) -> None:
     """Refuse a file with faults.
 
     Raises:
@@ -255,7 +255,7 @@ def _document(path: Path, text: str, places: Iterable[KeyPath]) -> YamlDocument:
     return YamlDocument(path, (), data, values=values)
 
 
-def _problems(plan: OpenPlan) -> Found:
+def _problems(plan: OpenPlan) -> Problems:
     """Yield inconsistencies of the plan: lengths of rows, times, and ids."""
     for name in plan.machines.keys() & plan.robots.keys():
         yield ("machines", name, "[key]"), "is the name of a robot, too"
@@ -297,7 +297,7 @@ def _problems(plan: OpenPlan) -> Found:
         before[name] = motion
 
 
-def _motion_problems(plan: OpenPlan, at: KeyPath, motion: OpenMotion) -> Found:
+def _motion_problems(plan: OpenPlan, at: KeyPath, motion: OpenMotion) -> Problems:
     """Yield inconsistencies within a motion."""
     times, rows = motion.t_s, len(motion.t_s)
     for k in range(1, rows):

@@ -119,7 +119,7 @@ def lattice_path(
         goal: which goal is driven to.
         lattice: the places. The first and the last need not be clear, nor the steps from and to
             them.
-        most: steps that are looked at, at most.
+        most: greatest number of steps.
 
     Returns:
         Configurations and times of arrival there, shapes (w, n) and (w,), empty where there is

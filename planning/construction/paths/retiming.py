@@ -159,7 +159,7 @@ def _stands_along(
     Args:
         scene: what must be kept clear of.
         path: places, shape (w, n); the robot is at the first one from ``start`` on.
-        start, end: what is before or after is not looked at [s].
+        start, end: only collisions in between are checked [s].
 
     Returns:
         Spans of time, shape (w, _SPANS, 2) [s], and how many each place has, shape (w,).

@@ -123,7 +123,7 @@ class SiteBalance:
         self, standing: StabilityChecker, part: str, below: Collection[str]
     ) -> bool:
         """Tell whether the prerequisites of a part support it, whatever else is in place."""
-        if not all(joint.endless for joint in standing.joints):
+        if not all(joint.is_unlimited for joint in standing.joints):
             return False  # the forces of all parts together may be too much
         there = {part, *below}
         falls = standing.falling(there, joints=standing.joints, weighing=[part])

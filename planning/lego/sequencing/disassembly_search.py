@@ -43,7 +43,7 @@ class DisassemblySearch(Generic[Part, How]):
         steps: removals in the order of assembly, None when there is no sequence.
         dead_end: a smallest set of parts, reached by removals, of which none can be removed;
             None when the search never got stuck.
-        visited: number of sets of parts looked at.
+        visited: number of sets of parts examined.
         complete: False when the search gave up because of its limit.
     """
 

@@ -87,7 +87,7 @@ class SequencedStructure:
 
     Attributes:
         sequence: the steps in the order of assembly, with reasons.
-        visited: partial structures looked at.
+        visited: number of partial structures examined.
         programs: linear programs solved.
         shut_in: temporary bricks that cannot be taken out again.
     """
@@ -118,7 +118,7 @@ def sequence_structure(
         scaffold: bricks that stand from the start and stay.
         helpers: temporary bricks that are chosen already, on a plinth where there is one.
         rules: what is allowed.
-        progress: called with how many partial structures were looked at, and of how many at most.
+        progress: called with the numbers of partial structures examined and allowed.
 
     Returns:
         The first sequence found. Bricks of the top layer are removed first; within a layer the

@@ -21,13 +21,13 @@ from planning.lego.bricks.drawing import (
     read_elevation,
     read_layer,
 )
-from twin.document.section import Name, Section, Three, Two
+from twin.document.section import Name, PairOf, Section, TripleOf
 from twin.document.validation import unknown_name
 from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.shapes import Colour
 
-Stud2 = Two[Annotated[int, Field(ge=-1000, le=1000)]]
-GridCell = Three[Annotated[int, Field(ge=-1000, le=1000)]]
+Stud2 = PairOf[Annotated[int, Field(ge=-1000, le=1000)]]
+GridCell = TripleOf[Annotated[int, Field(ge=-1000, le=1000)]]
 Raised = Annotated[int, Field(ge=0, lt=BRICK_LEVELS)]
 
 

@@ -12,7 +12,7 @@ from itertools import product, zip_longest
 from typing import TypeVar
 
 from scheduling.copies import product_part_name
-from twin.document.validation import Found
+from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
@@ -159,7 +159,7 @@ def expand_pairs(
     }
 
 
-def find_alike_problems(section: PartsSection) -> Found:
+def find_alike_problems(section: PartsSection) -> Problems:
     """Yield problems of interchangeable parts: too few parts or start poses.
 
     Args:
@@ -186,7 +186,7 @@ def find_alike_problems(section: PartsSection) -> Found:
                 yield (*at, key), f"{words}: name a part of its own"
 
 
-def _check_kind(part: PartSection, own: AlikeParts, at: KeyPath) -> Found:
+def _check_kind(part: PartSection, own: AlikeParts, at: KeyPath) -> Problems:
     count, starts, name = len(own.names), len(_poses(part.starts)), part.name
     if part.starts and count > starts:
         words = f"{count} {name} need {count} places to lie at, and starts has {starts}"

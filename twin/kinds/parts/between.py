@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from planning.bounds import LONGEST_S
-from twin.document.section import Name, Section, Two
+from twin.document.section import Name, PairOf, Section
 
 Lag = Annotated[float, Field(ge=0, le=LONGEST_S)]
 
@@ -21,7 +21,7 @@ class FitSection(Section):
             it is half of what its diameter is larger.
     """
 
-    parts: Two[Name]
+    parts: PairOf[Name]
     press_m: Annotated[float, Field(gt=0, le=0.05)]
 
 

@@ -57,7 +57,7 @@ class KnownFit:
         }
 
 
-def place_misses(
+def miss_probabilities(
     parts: OrderedParts, robots: Sequence[RobotSection]
 ) -> dict[str, float]:
     """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability.
@@ -81,7 +81,7 @@ def known_fits(
 ) -> tuple[KnownFit, ...]:
     """Return the fits of parts at their places, in the order of the steps.
 
-    Of parts of several products, which fit alike, only those of the first one are there. See ``place_misses``
+    Of parts of several products, which fit alike, only those of the first one are there. See ``miss_probabilities``
     for the arguments.
     """
     if isinstance(parts.found, str):

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from planning.transforms import Transform, read_only_copy, translation
-from twin.document.section import Section, Several, Two, with_tuples
+from twin.document.section import PairOf, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
@@ -26,8 +26,8 @@ class GridSection(Section):
         pitch_m: from one place to the next along x, and along y.
     """
 
-    counts: Two[Count]
-    pitch_m: Two[Pitch]
+    counts: PairOf[Count]
+    pitch_m: PairOf[Pitch]
 
     @property
     def size(self) -> int:
