@@ -48,7 +48,7 @@ class Marker:
         frame: its name.
         space: name that identifies the marker together with its number.
         number: of the marker.
-        corners: three rows a triangle, in the frame, shape (3 k, 3) [m].
+        corners: three rows per triangle, in the frame, shape (3 k, 3) [m].
         colour: of all of them.
     """
 
