@@ -33,7 +33,7 @@ def arrival_windows(
 
     Args:
         parts: of the skill, such as the way to a part with an empty hand and the retreat
-            with it; one path of one waypoint for a stand.
+            with it; one path of one waypoint where it stands still.
         duration: of the skill; infinity to stay for good [s].
         earliest, latest: times of arrival to look at [s].
 
@@ -71,7 +71,7 @@ def mark_blocked_cells(
 
     Args:
         scene: what must be kept clear of.
-        q0, q1: ends of the motion, shape (n,); equal for a stand.
+        q0, q1: ends of the motion, shape (n,); equal where it stands still.
         first: number of the first cell.
         free: shape (cells,); False is written where the motion is not clear.
     """
