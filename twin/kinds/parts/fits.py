@@ -57,12 +57,12 @@ class KnownFit:
         }
 
 
-def place_misses(
+def miss_probabilities(
     parts: OrderedParts, robots: Sequence[RobotSection]
 ) -> dict[str, float]:
     """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability.
 
-    Of a part that is put down in several places it is the likeliest of these.
+    For a part that is put down in several places, it is the greatest of their probabilities.
 
     Args:
         parts: the assembly in order.
@@ -81,7 +81,7 @@ def known_fits(
 ) -> tuple[KnownFit, ...]:
     """Return the fits of parts at their places, in the order of the steps.
 
-    Of parts of several products, which fit alike, only those of the first one are there. See ``place_misses``
+    Equal fits of several products are listed once, for the first product. See ``miss_probabilities``
     for the arguments.
     """
     if isinstance(parts.found, str):

@@ -120,15 +120,15 @@ class PartKind(AssemblyKind):
         """Return whether no part comes from a source or belongs to one of several products."""
         return not (self.section.sources or self.section.products)
 
-    def place_misses(
+    def miss_probabilities(
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
         """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability."""
         from planning.handling.tool_changes import with_all_tools_mounted
-        from twin.kinds.parts.fits import place_misses
+        from twin.kinds.parts.fits import miss_probabilities
         from twin.kinds.parts.ordered_parts import OrderedParts
 
-        return place_misses(
+        return miss_probabilities(
             OrderedParts(with_all_tools_mounted(cell), self.section), robots
         )
 

@@ -9,7 +9,7 @@ from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.scenario import Scenario
 
 
-def place_misses(scenario: Scenario, folder: Path) -> Mapping[str, float]:
+def miss_probabilities(scenario: Scenario, folder: Path) -> Mapping[str, float]:
     """Return the probability of missing a place, by ROBOT/OBJECT, for robots with a repeatability.
 
     Args:
@@ -19,4 +19,4 @@ def place_misses(scenario: Scenario, folder: Path) -> Mapping[str, float]:
     robots = scenario.cell.robots
     if not any(robot.repeatability_m for robot in robots):
         return {}
-    return scenario.kind.place_misses(build_workcell(scenario, folder), robots)
+    return scenario.kind.miss_probabilities(build_workcell(scenario, folder), robots)
