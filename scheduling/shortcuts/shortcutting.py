@@ -66,7 +66,7 @@ def _apply_sidesteps(
         if not candidates_at_waits:
             break
         if since == board.window:
-            if not board.saved_time_bound(before):
+            if not board.has_saved_enough(before):
                 break
             since, before = 0, board.makespan
         since += 1
@@ -193,7 +193,7 @@ def shorten_tpg(
         if seconds and spent >= seconds:
             break
         if since == board.window:
-            if not seconds and not board.saved_time_bound(before):
+            if not seconds and not board.has_saved_enough(before):
                 break
             since, before = 0, board.makespan
         searched = board.searched
