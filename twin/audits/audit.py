@@ -301,7 +301,7 @@ class Auditor(AbstractContextManager["Auditor"]):
             self._allowed,
             self._exempt,
             math.inf,
-            taken_up=True,
+            any_depth=True,
             second=self._second,
         )
         self._look(case, contacts)
