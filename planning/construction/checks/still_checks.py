@@ -1,6 +1,7 @@
-"""Collision checks against static obstacles, and of robots with themselves, compiled.
+"""Compiled collision checks of a robot with static obstacles and with itself.
 
-Capsules propose pairs of bodies, hulls decide. A motion is halved until either is clear.
+Pairs of bodies whose capsules come close are checked by their convex hulls. A motion is halved until each
+part of it is proved free, or a collision is found.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from planning.packed import ROW, SharedKernel
 from planning.transforms import Array
 
 _CLEAR, _SPLIT, _BLOCKED = 0, 1, 2
-"""Answers: a shorter stretch must be looked at where it is _SPLIT."""
+"""Results of a check; _SPLIT: undecided until the stretch is halved."""
 
 _RESOLUTION = 0.06
-"""Stretches that move no capsule further than this go to the hulls [m]."""
+"""Hulls are checked in stretches that move no capsule further than this [m]."""
 
 _FINEST = 1e-3
-"""Own bodies that are not proved apart when they stray less than this touch [m]."""
+"""Bodies of one robot that move less than this and are not proved apart count as touching [m]."""
 
 
 def _still_clear(
@@ -40,7 +41,7 @@ def _still_clear(
         scene: the scene.
         q0, t0: where it begins, and when, shape (n,).
         q1, t1: where it ends, and when.
-        leeway: what lies there so long before or after a bit of it counts, too [s].
+        leeway: obstacles count that are present within this time of a part of the motion [s].
     """
     sweep_stretch(scene, q0, t0, q1, t1, t0, t1)
     around, bounds, near = scene.own.sweeps.box, scene.boxes.bounds, scene.near
@@ -88,7 +89,7 @@ def is_clear_of_still_objects(
 
 @inner_kernel
 def _meet_boxes(scene: MoverScene, boxes: int, lo: float, hi: float) -> int:
-    """Check the swept robot against those first boxes of ``near`` that are present in a time span."""
+    """Check the swept robot against the first ``boxes`` entries of ``near`` present in a time span."""
     near, pairs, limits = scene.near, scene.pairs, scene.limits.boxes
     own, counting = scene.own, scene.counting
     around, own_box, widest = own.sweeps.box, own.sweeps.body_box, scene.widest
