@@ -23,18 +23,18 @@ KeyPath = tuple[str | int | Spot, ...]
 What ends in ``"[key]"`` is the last key itself, not its value.
 """
 
-# An alias is cheap to write and may unfold without bound; no real scenario comes near this.
+# An alias is short and may expand without bound; no real scenario comes near this.
 _MOST_NODES = 500_000
 
 _PLAIN_TAGS = ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq")
 
-# Sections stand in each other six deep; JSON, which they are read from, ends at two hundred.
+# Sections are nested six deep; the JSON parser that reads them stops at two hundred levels.
 _DEEPEST = 60
 
-# Longer ones are no quantity, and Python refuses to parse them from 4300 digits on.
 LARGEST_TEXT = 8 << 20
 """Most characters of a document, which takes about a minute to parse."""
 
+# Longer integers are no quantities, and Python refuses to parse them from 4300 digits on.
 _LONGEST_INT = 40
 
 _BOOL = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
@@ -47,7 +47,7 @@ _FLOAT = re.compile(
 )
 
 _WIDTH = 100
-"""Columns of a line of YAML, about."""
+"""Columns of a line of YAML, approximately."""
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ class YamlDocument:
     def mark_of(self, path: KeyPath, *, key: bool = False) -> Mark:
         """Return the position of the value at ``path``, or of its key, or of its container.
 
-        In a block (``|``) the text starts on the line after the mark; elsewhere the mark of the
-        whole text has to do for a spot in it.
+        A path may end in a spot in a text. In a block (``|``) the position of the spot itself is
+        returned; elsewhere that of the whole text.
         """
         at = self.nearest(path)
         if key and at in self.keys:
@@ -139,7 +139,7 @@ class YamlDocument:
         return Mark(row + line + 1, indent + column + 1)
 
     def problem(self, path: KeyPath, message: str) -> FileProblem:
-        """Return a problem at ``path``, of names at their key."""
+        """Return a problem at ``path``; for a wrong name or key, at its key."""
         if isinstance(message, Elsewhere):
             other = self._mark_of_named(message.at)
             message = f"{message} at {other.line}:{other.column}"
@@ -260,7 +260,7 @@ class _Builder:
 
     def _scalar(self, node: yaml.ScalarNode) -> Any:
         text = str(node.value)
-        if node.style is not None:  # quoted or block: text, whatever it looks like
+        if node.style is not None:  # a quoted or block scalar is always text
             return text
         standard = "tag:yaml.org,2002:"
         if not node.tag.startswith(standard) or "python" in node.tag:
@@ -300,7 +300,8 @@ class _Dumper(yaml.SafeDumper):
             node.flow_style = True
         quoted = isinstance(data, str) and plain_scalar(data) != data
         if isinstance(node, yaml.ScalarNode) and quoted:
-            node.style = "'"  # YAML 1.1, which PyYAML writes, reads some as text
+            # PyYAML writes YAML 1.1, where some numbers of YAML 1.2 are texts without quotes.
+            node.style = "'"
         return node
 
 
@@ -309,7 +310,7 @@ def scenario_text(content: dict[str, Any], note: str) -> str:
 
     Args:
         content: its content, as plain dictionaries, lists and scalars.
-        note: goes on top as a comment.
+        note: comment at the top.
     """
     body = yaml.dump(
         content,

@@ -15,15 +15,14 @@ from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrde
 
 
 class SimulatedArm:
-    """A driver that passes nodes in their planned times.
+    """A driver that executes nodes in their planned times.
 
     Args:
         clock: returns the time [s].
-        pace: how many times as fast as planned.
-        fails: returns for the first node of a skill whether it fails.
-        stands: joint positions of the arm after a restart, shape (n,); by default where the
-            plan has it.
-        reach: how far from the path it may stand then [rad or m].
+        pace: speed as a multiple of the planned one.
+        fails: tells whether a skill fails, called with its first node.
+        stands: joint positions of the arm after a restart, shape (n,); by default those of the plan.
+        reach: largest distance from the path after a restart [rad or m].
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class SimulatedArm:
         """Append cleared nodes; see Driver."""
         self._advance()
         if self._failed >= 0:
-            # It stands where the skill began, not where that would have ended.
+            # After a failed skill the arm is where the skill began, not where it would have ended.
             k = self._failed - self._first
             stands = self._before(k)[None]
             tried = replace(self._nodes[k], waypoints=stands, seconds=np.zeros(1))
@@ -63,10 +62,10 @@ class SimulatedArm:
             self._failed, self._words = -1, ""
         self._nodes += nodes
         if self._stands is not None:
-            self._find_itself()
+            self._locate_on_path()
 
-    def _find_itself(self) -> None:
-        """Start at the nearest point of the path, unless it is too far."""
+    def _locate_on_path(self) -> None:
+        """Continue from the nearest point of the path; it is a fault if that is too far."""
         assert self._stands is not None
         found = []
         for k, node in enumerate(self._nodes):
