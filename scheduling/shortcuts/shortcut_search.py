@@ -25,7 +25,7 @@ from scheduling.shortcuts.candidates import (
     remove_waypoints_on_lines,
 )
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals
+from scheduling.shortcuts.replacement_check import ReplacementConflicts
 from scheduling.shortcuts.rewiring import (
     EARLY,
     IN_PLACE,
@@ -261,16 +261,18 @@ class ShortcutSearch:
             return False
         swap = Swap(index, first, last)
         occupant = occupant_of_nodes(graph, index, first, last + 1, new)
-        rivals = Rivals(graph, self._pieces, swap, occupant)
+        conflicts_of_new = ReplacementConflicts(graph, self._pieces, swap, occupant)
         # Other places in the order are tried only for candidates that may save much.
-        choice = rivals.choice and (self._smoothing or sooner is not None)
+        choice = conflicts_of_new.choice and (self._smoothing or sooner is not None)
         latest = self.makespan + (_SAME_MAKESPAN if sooner is None else -sooner)
         places = (IN_PLACE, LATE, EARLY) if choice else (IN_PLACE,)
-        if choice and self._ends_late(rewire(graph, swap, new, rivals.outside), latest):
+        if choice and self._ends_late(
+            rewire(graph, swap, new, conflicts_of_new.outside), latest
+        ):
             return False
         for place in places:
             ordered = reorder_nodes(graph, index, range(first, last + 1), place)
-            candidate = rewire(ordered, swap, new, rivals.edges(ordered))
+            candidate = rewire(ordered, swap, new, conflicts_of_new.edges(ordered))
             if self._ends_late(candidate, latest):
                 continue
             if are_standing_robots_clear(candidate, self._pieces, swap, occupant):

@@ -1,7 +1,7 @@
 """Clearance of replacement nodes and standing robots.
 
-New nodes are checked against robots that stand meanwhile and the objects that they hold, and other
-robots against the stands before new nodes.
+New nodes are checked against robots that stand at the same time and the objects that they hold, and other
+robots against the standstills before new nodes.
 """
 
 from __future__ import annotations
