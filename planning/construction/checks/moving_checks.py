@@ -1,7 +1,7 @@
-"""Collision checks against moving robots, compiled.
+"""Compiled collision checks of a robot with moving robots.
 
-A motion is cut at the borders of the time cells: in each cell the swept volume of its whole stretch must be
-clear of the swept volumes of all other robots in the cell; where that fails, the cell is bisected a few
+A motion is cut at the borders of time cells. In each cell, the volume that the robot sweeps must be
+clear of the volumes that all other robots sweep; if it is not, the cell is bisected a few
 times. Motions that pass can therefore become nodes of a temporal plan graph, see ``export_motion_plan``.
 """
 
