@@ -77,11 +77,11 @@ class PartBalance:
         found = balance_dependencies(self._standing, self._build, known, keepable)
         self.fall = found if isinstance(found, UnstableState) else None
         """The first unstable state in the order of the steps, None if all are stable."""
-        self._stand = (
+        self._stable = (
             found if isinstance(found, StableBuild) else StableBuild(frozenset())
         )
 
-    def stand(self) -> StableBuild:
+    def stable_build(self) -> StableBuild:
         """Return the precedences of steps that stability needs, from 0, and until which step parts are held.
 
         Raises:
@@ -108,7 +108,7 @@ class PartBalance:
                     steps=[k + 1],
                     thing=body.name,
                 )
-        return replace(self._stand, waits=self._stand.waits | self._joining)
+        return replace(self._stable, waits=self._stable.waits | self._joining)
 
     def _joined(self) -> tuple[list[tuple[Joint, ...]], Waits]:
         """Return the joints of each step, and the step precedences that follow from them."""
@@ -207,7 +207,7 @@ def stability_constraints(
     keeps: dict[int, int] = {}
     leaves = assembly.supply.leaves.keys()
     for first, own, rule in balance_groups(steps, assembly.balance, leaves):
-        found = PartBalance(cell, own, rule).stand()
+        found = PartBalance(cell, own, rule).stable_build()
         waits |= {(first + a, first + b) for a, b in found.waits}
         keeps |= {first + k: first + last for k, last in found.keeps.items()}
     return StableBuild(frozenset(waits), keeps)
