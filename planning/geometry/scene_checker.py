@@ -114,7 +114,7 @@ class Contact:
 class SceneChecker:
     """Collision checks of one robot against everything else, which is static.
 
-    Capsules propose; what hulls in motion are not proved apart, coal decides.
+    Pairs whose capsules come close are checked by their moving hulls; coal decides the pairs not proved apart.
 
     Args:
         cell: the static cell.
