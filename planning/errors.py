@@ -1,4 +1,4 @@
-"""Errors of the package, one subclass a cause."""
+"""Exceptions of the package: a base class, and one subclass for each cause."""
 
 from __future__ import annotations
 

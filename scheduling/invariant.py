@@ -3,10 +3,10 @@
 (a) Two nodes of different robots that conflict are ordered. (b) A node that conflicts with a
 robot standing between its nodes u and u + 1, before its first or after its last, precedes u or
 follows u + 1. (c) A node that conflicts with an object at rest is ordered before its place or
-after its pick. Then no delay whatever can bring two robots closer than the clearance.
+after its pick. Then no delay can bring two robots closer than the clearance.
 
-With (a), a node v can break (b) or (c) only where u ~> v ~> u + 1: everything else conflicts
-with u or u + 1 as well, whose swept occupancies contain the hold. Only those are looked at.
+If (a) holds, a node v can violate (b) or (c) only if u ~> v ~> u + 1: any other node also conflicts
+with u or u + 1, whose swept occupancies contain the hold. Only such nodes v are checked.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Speed limits of robots along their nodes with their current payload.
 
-A stretch is passed as slowly as its fastest point asks for, and with accelerations that joints bear all
-along it; a skill, whose path is followed by one clock, is slowed down as a whole.
+The speed limit of a stretch is the least one of its points, and its acceleration is within the effort limits of
+the joints along all of it. The path of a skill has given times, so a skill is slowed down as a whole.
 """
 
 from __future__ import annotations

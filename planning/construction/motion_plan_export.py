@@ -344,8 +344,8 @@ def _tasks_of(
 def _moves(pieces: MotionPieces) -> npt.NDArray[np.bool_]:
     """Return which pieces are motions rather than holds, shape (p,).
 
-    Cells of time begin at multiples of their length, and a motion may end a rounding error after one: the stand
-    after it then begins as far off. It is a stand all the same, which belongs to the tasks before and after it.
+    Time cells begin at multiples of their length, and a motion may end a rounding error after one. The ends of
+    the hold after it then differ by as much; it is a hold nevertheless, and belongs to the tasks before and after it.
     """
     far = np.abs(pieces.q_a - pieces.q_b) > SAME
     return np.asarray(np.any(far, axis=1) | pieces.whole)

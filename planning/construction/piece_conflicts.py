@@ -75,7 +75,7 @@ def conflicting_pieces(
         cell: the static cell.
         carriers: those of the tracks.
         tracks: of all robots.
-        tasks: the tasks that each piece belongs to: one given twice, or for a stand those
+        tasks: the tasks that each piece belongs to: one given twice, or for a hold those
             before and after it, shape (pieces, 2).
         touching: pairs of entities that may touch, by task.
     """

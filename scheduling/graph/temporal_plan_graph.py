@@ -32,7 +32,7 @@ TASK_DEPENDENCY = 0
 MOTION_CONFLICT = 1
 
 Causes = npt.NDArray[np.uint8]
-"""TASK_DEPENDENCY or MOTION_CONFLICT, one an edge."""
+"""TASK_DEPENDENCY or MOTION_CONFLICT, one per edge."""
 
 SECONDS = Column(("nodes",), least=0.0, largest=LATEST_S)
 """Schema of times of nodes [s]."""

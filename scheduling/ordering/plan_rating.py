@@ -21,7 +21,7 @@ from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.known_edges import connect_in_order
 from scheduling.ordering.relations import TaskRelations
 from scheduling.ordering.reordering import find_blocks, put_in_order
-from scheduling.shortcuts.shortcutting import smooth_runs
+from scheduling.shortcuts.shortcutting import smooth_spans
 from scheduling.shortcuts.static_scene import SmoothedPathCache
 
 _WIDTH = 8
@@ -102,7 +102,7 @@ class PlanRater:
         chains = put_in_order(nodes.chains, relations, order)
         graph = DerivedTpg(connect_in_order(chains, relations, order))
         if self._shortcuts:
-            graph = smooth_runs(
+            graph = smooth_spans(
                 graph.tpg,
                 self._settings.speeds,
                 step=self._settings.step,

@@ -1,4 +1,7 @@
-"""Transit runs with corners that may be rounded, and the nodes along their bends."""
+"""Parts of transit spans with corners that may be rounded, and the nodes along their bends.
+
+Such a part is called a transit run.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pieces of the chains of a graph, cut so that every shortenable run has its own."""
+"""Pieces of the chains of a graph, cut at the ends of the transit spans that may be shortened."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _LONGEST = 128
 
 
 class GraphPieces:
-    """All chains of a graph, cut so that every shortenable run consists of whole pieces.
+    """All chains of a graph, cut so that every transit span that may be shortened consists of whole pieces.
 
     Args:
         tpg: the graph.
-        spans: the runs.
+        spans: these transit spans.
         conflicts: searches conflicts between pieces and others, or knows them already.
     """
 

@@ -1,8 +1,8 @@
 """Edges and chains after a replacement of nodes (APEX-MR IV-C, extended to N robots).
 
-In-edges of the replaced nodes go to the last new node, out-edges of all but the last one start
-at the node before. An order u -> a_p ... a_q -> w with p <= q held through the replaced nodes;
-with the edges moved apart it would be lost, so u -> w is added.
+In-edges of the replaced nodes are moved to the last new node, and out-edges of all but the last one to the node
+before the first. If u preceded w by u -> a_p ... a_q -> w through replaced nodes (p <= q), the moved edges no
+longer imply this order, so u -> w is added.
 """
 
 from __future__ import annotations
@@ -78,7 +78,8 @@ def rewire(
 def reorder_nodes(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTpg:
     """Return the graph with some nodes of a chain moved in the total order.
 
-    They are to be replaced, and so have no edges that matter; the first and the last of them stay.
+    The nodes are replaced afterwards, so their edges do not matter. The last one keeps its
+    place; the others move next to it (LATE) or to the first one (EARLY).
 
     Args:
         graph: the graph.

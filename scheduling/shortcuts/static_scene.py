@@ -24,7 +24,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Rest
 
 _SMOOTHING = 40
-"""Tries to smooth a run, or a part of one, as a whole."""
+"""Random shortcuts tried to smooth a span, or a part of one."""
 
 _KEPT_WAYS = 20_000
 """Capacity in paths."""
@@ -138,7 +138,7 @@ class StaticSceneCache:
         chain = graph.tpg.chains[index]
         present = self._present(graph, index, first, last)
         tasks = frozenset(chain.task[first : last + 1].tolist())
-        # Within the tasks of a run, a robot carries the same.
+        # Within a span, the load of the robot does not change.
         key = (index, tasks, present.tobytes())
 
         def build() -> StaticScene:

@@ -260,7 +260,7 @@ class _Builder:
 
     def _scalar(self, node: yaml.ScalarNode) -> Any:
         text = str(node.value)
-        if node.style is not None:  # quoted or block: text, whatever it looks like
+        if node.style is not None:  # a quoted or block scalar is always text
             return text
         standard = "tag:yaml.org,2002:"
         if not node.tag.startswith(standard) or "python" in node.tag:
@@ -311,7 +311,7 @@ def scenario_text(content: dict[str, Any], note: str) -> str:
 
     Args:
         content: its content, as plain dictionaries, lists and scalars.
-        note: goes on top as a comment.
+        note: comment at the top.
     """
     body = yaml.dump(
         content,

@@ -57,7 +57,7 @@ def _run_graph(run: RunResult, *, nodes: bool) -> Graph:
 
     Args:
         run: the run.
-        nodes: every node, not one a task.
+        nodes: one graph node for every plan node, in place of one per task.
     """
     tpg = run.tpg
     graph: Graph = nx.DiGraph(name=run.name)

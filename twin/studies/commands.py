@@ -114,7 +114,7 @@ def study(
         int | None,
         typer.Option(
             min=0,
-            help="Worker processes; 0 computes in this process. Default: one a core.",
+            help="Worker processes; 0 computes in this process. Default: one per core.",
         ),
     ] = None,
     out: Annotated[

@@ -1,4 +1,4 @@
-"""Simulation of plans: the execution model of a scenario, and one run with it."""
+"""Simulation of a plan: the execution model of a scenario, and one execution with it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def scenario_execution(
     Args:
         scenario: durations, disturbances, messages and policy are taken from it.
         base: where relative paths of the scenario start.
-        policy: in place of the scenario's.
+        policy: policy in place of the scenario's.
         antithetic: draw replications in mirrored pairs, see SkillDurations.
 
     Raises:

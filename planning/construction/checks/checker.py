@@ -118,7 +118,7 @@ class SpaceTimeChecker:
 
         Args:
             path: what the robot does, straight from waypoint to waypoint, shape (w, n); one
-                waypoint for a stand.
+                waypoint where it stands still.
             start, end: the span [s].
         """
         return all(

@@ -89,7 +89,7 @@ def is_clear_of_still_objects(
 
 @inner_kernel
 def _meet_boxes(scene: MoverScene, boxes: int, lo: float, hi: float) -> int:
-    """Check the swept robot against those first boxes of ``near`` that are present in a time span."""
+    """Check the swept robot against the first ``boxes`` entries of ``near`` present in a time span."""
     near, pairs, limits = scene.near, scene.pairs, scene.limits.boxes
     own, counting = scene.own, scene.counting
     around, own_box, widest = own.sweeps.box, own.sweeps.body_box, scene.widest

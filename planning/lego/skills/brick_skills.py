@@ -225,7 +225,7 @@ class BrickSkills:
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
         item, near = world.goal_bricks[step - 1], resting_room(work)
-        press, others = press_from_number(grasp), world.cells_near(near, step)
+        press, others = press_from_number(grasp), world.bricks_near(near, step)
         touching = resting_contacts(
             robot, item, at_goal.pose, press, others, world.cell.fixtures
         )
@@ -308,7 +308,7 @@ class BrickSkills:
         """Return the allowed contacts of a supporting tool, the step's brick included."""
         world = self.world
         support = world.step(step).supports[choice]
-        bricks = world.cells_near(supported_span(support), step)
+        bricks = world.bricks_near(supported_span(support), step)
         own = {goal_name(step): world.step(step)}
         return support_contacts(robot, support, {**bricks, **own})
 

@@ -25,13 +25,13 @@ Pair = TypeVar("Pair", JoinedSection, FitSection)
 
 @dataclass(frozen=True)
 class AlikeParts:
-    """Parts of a kind.
+    """Interchangeable parts of one kind.
 
     Attributes:
         kind: their name in the scenario.
-        names: of all of them: KIND.1, KIND.2, ...
+        names: names of all of them: KIND.1, KIND.2, ...
         goals: number of goals; the first names have one each.
-        sourced: whether they come from a source, which gives one after another: then nothing is chosen.
+        sourced: whether a source supplies them one after another, so that the planner has no choice.
     """
 
     kind: str
@@ -61,7 +61,7 @@ def with_named_parts(section: PartsSection) -> PartsSection:
     """Return an assembly with an entry for every part and a step for every goal.
 
     Args:
-        section: passed its checks.
+        section: checked section.
     """
     kinds = {own.kind: own for own in alike_parts(section)}
     if not kinds:
@@ -93,7 +93,7 @@ def with_named_parts(section: PartsSection) -> PartsSection:
 
 
 def listed_steps(section: PartsSection) -> tuple[int, ...]:
-    """Return for every expanded step the number of its step in the file, from 0."""
+    """Return the number of the step in the file, from 0, for each expanded step."""
     goals = {own.kind: own.goals for own in alike_parts(section)}
     return tuple(
         k
@@ -148,8 +148,8 @@ def expand_pairs(
     """Return pairs with kinds expanded to all their parts.
 
     Args:
-        pairs: of names in the file.
-        alike: kinds among them.
+        pairs: values by pair of names in the file.
+        alike: the kinds of interchangeable parts.
     """
     names = {own.kind: own.names for own in alike}
     return {
@@ -163,7 +163,7 @@ def find_alike_problems(section: PartsSection) -> Problems:
     """Yield problems of interchangeable parts: too few parts or start poses.
 
     Args:
-        section: passed the checks of its single values.
+        section: section whose single values are checked.
     """
     kinds = {own.kind: own for own in alike_parts(section)}
     for i, part in enumerate(section.parts):

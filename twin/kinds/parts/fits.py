@@ -62,7 +62,7 @@ def miss_probabilities(
 ) -> dict[str, float]:
     """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability.
 
-    Of a part that is put down in several places it is the likeliest of these.
+    For a part that is put down in several places, it is the greatest of their probabilities.
 
     Args:
         parts: the assembly in order.

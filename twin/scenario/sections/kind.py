@@ -226,7 +226,7 @@ class AssemblyKind(Protocol):
     def miss_probabilities(
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
-        """Return how likely robots miss the places of what they put down, by ROBOT/OBJECT.
+        """Return the probability that a robot misses the place of an object, by ROBOT/OBJECT.
 
         Args:
             cell: as it is before the first motion.

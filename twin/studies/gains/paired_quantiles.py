@@ -28,7 +28,7 @@ class PairedQuantiles:
     small for these ranks.
 
     Args:
-        base: one value a replication, shape (n,).
+        base: one value per replication, shape (n,).
         probability: which quantile: the smallest value with at least this share of the sample
             at or below it.
         confidence: of the intervals.

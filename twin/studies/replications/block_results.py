@@ -234,7 +234,7 @@ class BlockResult:
 
     Attributes:
         block: which.
-        rows: one a replication.
+        rows: one per replication.
         tally: sums over tasks of completed replications.
         products: None where there is only one.
         windows: None where there are none.

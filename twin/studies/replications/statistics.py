@@ -111,7 +111,7 @@ def mean_interval(
     its interval reaches farther on the side of the longer tail. For symmetric samples both agree.
 
     Args:
-        values: one a replication, shape (n,).
+        values: one per replication, shape (n,).
         confidence: probability that the interval covers the mean.
         antithetic: replications 2k and 2k + 1 are mirror images; then their averages are the
             independent values, and an odd one at the end is left out.
@@ -173,7 +173,7 @@ def paired_interval(
     """Return the mean paired difference of two samples with its interval.
 
     Args:
-        first, second: one value a replication, NaN where there is none, shape (n,).
+        first, second: one value per replication, NaN where there is none, shape (n,).
         confidence: probability that the interval covers the mean difference.
         antithetic: see ``mean_interval``; only counts where all values are there.
 
@@ -198,7 +198,7 @@ def quantile_interval(
     for which the sample has no such value is infinite.
 
     Args:
-        values: one a replication, shape (n,), independent.
+        values: one per replication, shape (n,), independent.
         probability: which quantile, within (0, 1); the smallest value with at least this share
             of the sample at or below it.
         confidence: least probability that the interval covers the quantile.
