@@ -1,4 +1,4 @@
-"""Caches of computed results: in memory while the program runs, or in the user's cache folder."""
+"""Caches of computed results, in memory or in the user's cache folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated annealing over the choices of all steps, by the predicted makespan."""
+"""Simulated annealing over the assignments of all steps; the cost is the predicted makespan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Operations of the choices of steps: the skills of robots, and their straight motions between these."""
+"""Operations of an assembly step: skills, and straight motions to the start of a robot's next skill."""
 
 from __future__ import annotations
 

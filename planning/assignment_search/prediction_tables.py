@@ -1,4 +1,4 @@
-"""Operations of all choices as arrays: the input of compiled predictions of the makespan."""
+"""Arrays of the operations of all steps and alternatives, from which compiled code predicts makespans."""
 
 from __future__ import annotations
 

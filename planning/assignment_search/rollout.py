@@ -1,8 +1,8 @@
-"""Prediction of the makespan of an assignment: robots work in parallel, and wait for each other.
+"""Prediction of the makespan of an assignment by a simulation of robots that work in parallel.
 
 Operations are dispatched in the order of their earliest possible starts. An operation waits for the operations that
-it depends on. It consists of pieces with a volume each: a piece waits until earlier dispatched operations of other
-robots have left its volume.
+it depends on. It is divided into pieces of motion. A piece also waits until operations of other robots that were
+dispatched before have left the volume that it sweeps.
 """
 
 from __future__ import annotations

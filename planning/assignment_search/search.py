@@ -1,4 +1,4 @@
-"""Search for assignments with a short predicted makespan, started from the result of the integer program."""
+"""Search for assignments with a short predicted makespan, starting from the result of the integer program."""
 
 from __future__ import annotations
 

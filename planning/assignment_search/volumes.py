@@ -1,4 +1,4 @@
-"""Volumes that robots need on pieces of motions, as capsules at sampled configurations, and tests whether they meet."""
+"""Volumes of pieces of robot motions, as capsules at sampled configurations, and tests for overlaps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 SAMPLES = 3
-"""Number of sampled configurations of a piece."""
+"""Number of sampled configurations per piece of a motion."""
 
 MARGIN = 0.01
 """Distance added to the clearance, for the motion between the samples and for loads [m]."""

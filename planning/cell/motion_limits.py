@@ -10,7 +10,7 @@ from planning.cell.robot_model import RobotModel
 from planning.transforms import Array
 
 TURNING_ACCELERATION, SLIDING_ACCELERATION = 5.0, 2.0
-"""Default where neither description nor scenario states one [rad/s^2, m/s^2]."""
+"""Default accelerations of revolute and prismatic joints [rad/s^2, m/s^2]."""
 
 _BUILD_UP_S = 0.05
 """Rise time of an acceleration where no jerk limit is stated [s]."""

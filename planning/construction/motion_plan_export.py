@@ -1,8 +1,8 @@
 """Export of a space-time plan as the motion plan used by all later stages.
 
-Robots move at the same time in such a plan. Its motions are cut at the cells of time, and finer
-where robots are close, until no two pieces that share time come too close, each anywhere on its
-own: then the temporal plan graph keeps the planned times, and its guarantee under any delay.
+In a space-time plan, robots move simultaneously. Motions are divided at the boundaries of the time cells, and
+further where robots are close. Two pieces that overlap in time must keep the clearance at all points of both motions.
+Then the temporal plan graph keeps the planned times, and it is free of collisions under any delay.
 """
 
 from __future__ import annotations

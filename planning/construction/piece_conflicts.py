@@ -1,7 +1,7 @@
-"""Conflicts of a space-time plan: pieces of different robots that share time and come too close.
+"""Conflicts of a space-time plan: pieces of different robots that overlap in time and come too close.
 
-The same capsules and hulls as in planning; contacts are allowed where the tasks of both pieces
-allow them, as in a temporal plan graph.
+Distances are checked with the same capsules and convex hulls as in planning. A contact is allowed if the tasks of
+both pieces allow it, as in a temporal plan graph.
 """
 
 from __future__ import annotations

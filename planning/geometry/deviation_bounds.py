@@ -1,4 +1,4 @@
-"""Bounds on how far the points of a moving hull deviate from straight lines between its end poses."""
+"""Bounds on how far points of a moving convex hull deviate from straight lines between its end poses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from planning.packed import stack_rows
 from planning.transforms import Array
 
 _FEW = 32
-"""Ends of the capsules that nearly no body has more of."""
+"""Number of capsule ends for which stack memory is sufficient; few bodies have more."""
 
 
 @inner_kernel

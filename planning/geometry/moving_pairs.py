@@ -1,4 +1,4 @@
-"""Two moving carriers, each anywhere on its motion: capsules first, then hulls, in compiled code."""
+"""Collision checks of two moving robots for all combinations of positions on their motions, in compiled code."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 SweptPiece = tuple[HullTable, Sweeps, int, Indices]
-"""Bodies on a piece of motion, what is swept, in which piece of that, and the bodies' entities."""
+"""Bodies of a robot, swept volumes of its motion, index of the piece of motion, and entity of each body."""
 
 _HALVINGS = 5
 """How often a part is halved before the robots are called too close."""

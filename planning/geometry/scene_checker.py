@@ -1,4 +1,4 @@
-"""Collision checks of one moving robot while everything else is static."""
+"""Collision checks of one moving robot among static obstacles."""
 
 from __future__ import annotations
 

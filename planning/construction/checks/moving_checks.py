@@ -1,8 +1,8 @@
 """Collision checks against moving robots, in compiled code.
 
-Time is divided into cells. In each cell, the volume that the motion sweeps there must be clear of the volumes that all
-other robots sweep in the same cell; otherwise the cell is bisected, a few times at most. Because whole cells are clear,
-motions that pass can become nodes of a temporal plan graph, see ``export_motion_plan``.
+Time is divided into cells of equal length. In each cell, the volume that the motion sweeps must be clear of the
+volumes that all other robots sweep in the same cell. Otherwise the cell is bisected, up to a fixed depth. Motions are
+clear in whole cells, so they can become nodes of a temporal plan graph (see ``export_motion_plan``).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Scenes for compiled code: a moving robot and all obstacles that it may meet over time."""
+"""Scene of collision checks in compiled code: a robot, and all its static and moving obstacles."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Collision checks against static obstacles, and of robots with themselves, in compiled code.
+"""Collision checks against static obstacles, and self-collision checks, in compiled code.
 
-Capsules select pairs of bodies that may collide, and convex hulls are compared for these. A motion is bisected until
-all its parts are decided.
+Capsules select the pairs of bodies that may collide. Only for these pairs convex hulls are compared. A motion is
+bisected until each part of it is classified.
 """
 
 from __future__ import annotations

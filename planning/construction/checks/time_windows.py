@@ -1,7 +1,7 @@
 """Time windows in which a robot can arrive at the start of a skill and finish it without collisions.
 
-Time is divided into time cells, which are ``STEP`` seconds long. The swept volume of a motion is computed once for the
-whole period; a moving obstacle that meets it blocks the time cells in which it is there.
+Time is divided into cells of ``STEP`` seconds. The swept volume of the skill is computed once. A time cell is blocked
+if a moving obstacle overlaps that volume in it.
 """
 
 from __future__ import annotations

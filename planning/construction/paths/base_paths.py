@@ -1,4 +1,4 @@
-"""Paths of a mobile base around obstacles on the floor, as hints for a roadmap, in compiled code.
+"""Paths of a mobile base around obstacles on the floor, as waypoints for a roadmap, in compiled code.
 
 Parts on the floor leave narrow gaps, in which few random configurations lie. So a path of the base is planned first, by
 A* on a lattice of positions, with the arm at HOME. Moving robots are ignored: the roadmap also plans waits for them.

@@ -2,7 +2,7 @@
 
 Two forests grow in space-time: one from the start of the robot, forwards in time, and one from goals at sampled
 arrival times, backwards. A motion from (q, t) to (q', t') is possible if t < t' and no joint exceeds its speed limit.
-Its length is that of eq. (5), with the time of the slowest joint as the distance of configurations.
+Its length is that of eq. (5) of the paper. The distance of two configurations is the travel time of the slowest joint.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Paths without a search, straight or with the arm near HOME on the way, in compiled code.
+"""Paths without a search: straight, or with the arm near HOME on the way, in compiled code.
 
-While a mobile robot drives, its arm may move towards HOME and back, as far as its speed limits allow without a later
-arrival. The base may also wait for the arm at both ends. Paths that are clear of static obstacles are retimed by waits.
+While the base of a mobile robot drives, its arm may move towards HOME and back, if this does not delay the arrival.
+The base may also wait for the arm at both ends. Waits are added to paths that are clear of static obstacles, so that
+they avoid moving robots.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Queries of space-time planning and their resulting paths, with bounds and random samples, in compiled code."""
+"""Queries and results of the space-time path planner, with arrival times and random numbers in compiled code."""
 
 from __future__ import annotations
 

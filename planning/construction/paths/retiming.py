@@ -1,6 +1,6 @@
-"""New times along paths through space-time: waits for earlier arrivals, and waits as early as possible.
+"""Retiming of space-time paths: waits that lead to the earliest arrival, and waits as early as possible.
 
-Only the robot's own motion changes, checked against the fixed timelines.
+The times of only one robot change. Its path is checked against the planned motions of all other robots.
 """
 
 from __future__ import annotations

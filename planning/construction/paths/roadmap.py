@@ -1,6 +1,7 @@
 """Random roadmaps (PRM) for space-time planning, in compiled code.
 
-Each vertex is a configuration with its safe intervals: the spans of time in which the robot may stand there.
+Each vertex is a configuration with its safe intervals: the spans of time in which the robot can stay there without
+collision.
 """
 
 from __future__ import annotations
