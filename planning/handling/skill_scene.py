@@ -1,4 +1,4 @@
-"""The scene of a skill: surroundings of the robot, and collision checkers in each phase."""
+"""Scene of a skill: the surroundings of the robot, and collision checkers for each phase of the skill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collision checks of a skill's path in a scene, and the choice of a posture whose path is free of collisions."""
+"""Collision checks of a skill's path in a scene, and the choice of an arm posture with a collision-free path."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Convex decomposition that contains a mesh: hulls of convex bodies, prisms of plates, coacd for the rest.
+"""Convex decomposition of a mesh: hulls of convex bodies, prisms of plates, and coacd for all other bodies.
 
-Every closed body of a mesh is cut on its own. Then points on the surface of the mesh are tested: a point outside of
-all pieces is added to the nearest one, so that the pieces contain all of them.
+Every closed body of a mesh is decomposed separately. The pieces must contain the mesh: points on its surface are
+tested, and a point outside of all pieces is added to the nearest piece.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Closing of the holes of a triangle mesh."""
+"""Closing of holes in a triangle mesh."""
 
 from __future__ import annotations
 

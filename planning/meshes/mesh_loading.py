@@ -1,4 +1,4 @@
-"""Loading of mesh files: their triangles, and their division into convex pieces, which is cached on disk."""
+"""Loading of mesh files: their triangles, and their convex pieces, which are cached on disk."""
 
 from __future__ import annotations
 

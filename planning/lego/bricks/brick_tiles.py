@@ -11,7 +11,7 @@ _TILE = 8
 """Edge length of a tile in studs."""
 
 NumberedBrick = tuple[int, PlacedBrick]
-"""A brick with its number: 0 in the stock, else that of the step that places it."""
+"""A brick with a number: 0 for a brick in the stock, otherwise the number of the step that places it."""
 
 
 class BrickTiles:

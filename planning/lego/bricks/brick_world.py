@@ -1,9 +1,9 @@
-"""The bricks of an assembly as objects, fixtures and a collision world, and the names of bricks at feeding stations.
+"""Bricks of an assembly as objects, fixtures and a collision world, and names of bricks at feeding stations.
 
-A feeding station holds one brick at a time. Each of its bricks is an object of the cell, numbered in the
-order of picks: ``"feed.1"`` is there at the start, ``"feed.2"`` is supplied once ``"feed.1"`` was picked, or
-lost in the pick, and so on; the last brick supplied is used by no step. For the assignment a station is one
-object that is never used up, named as in the stock.
+A feeding station holds one brick at a time. Each of its bricks is an object of the cell, numbered in the order of
+picks: ``"feed.1"`` is there at the start, and ``"feed.2"`` is supplied once ``"feed.1"`` was picked, or lost in the
+pick. No step uses the last brick supplied. In the assignment, a station is one object that is never used up; its name
+is that of the station in the stock.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The stud grid: poses of cells, and which bricks touch.
+"""The stud grid: poses of grid cells, and contacts between bricks.
 
 Studs are not modelled: a brick is a box that is a tenth of a millimetre smaller on each side than the grid cells that
 it fills.

@@ -1,9 +1,9 @@
 """Search for an assembly sequence: repeated depth-first searches that learn from dead ends.
 
-Each try is a depth-first search, limited to a number of partial structures. At a dead end, some bricks cannot
-be inserted only because the structure that would bear the press force was removed: they become urgent, and are
-removed earlier in the next try. Partial structures that led to a dead end are not entered again, so unlimited
-tries would be a complete search; the last try may use all of the remaining limit.
+Each search visits a limited number of partial structures. At a dead end, some bricks cannot be inserted only because
+the bricks that would bear the press force have been removed. The next search removes these bricks earlier. Partial
+structures that led to a dead end are not visited again, so without a limit the search would be complete. The last
+search may use all of the remaining limit.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Reachability check of every step, before the search for candidates.
 
-It considers each robot alone, without obstacles: what is out of reach here is so in any surroundings, but what is
-within reach may still be obstructed.
+Each robot is considered alone, without obstacles. A pose that is out of reach here is out of reach in any scene. A
+pose within reach may still be obstructed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Expansion of assignment choices to steps of a LEGO assembly: skills and contacts (APEX-MR IV-A)."""
+"""Expansion of the assigned steps of a LEGO assembly to skills with allowed contacts (APEX-MR IV-A)."""
 
 from __future__ import annotations
 
