@@ -1,4 +1,4 @@
-"""Decorators of compiled functions, and progress reports of their compilation."""
+"""Decorators for functions that are compiled by Numba, and progress reports of their compilation."""
 
 from __future__ import annotations
 

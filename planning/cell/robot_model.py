@@ -17,7 +17,7 @@ from planning.transforms import Array, Transform, identity
 
 @dataclass(frozen=True)
 class KinematicChain:
-    """Serial chain: joints in order from the base, each mounted on the one before it.
+    """Serial chain: joints in order from the base; each one moves all later ones.
 
     Attributes:
         placement: pose of each joint's frame in the frame of the joint before it (the base

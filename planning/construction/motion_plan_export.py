@@ -2,7 +2,7 @@
 
 In a space-time plan, robots move simultaneously. Motions are divided at the boundaries of the time cells, and
 further where robots are close. Two pieces that overlap in time must keep the clearance at all points of both motions.
-Then the temporal plan graph keeps the planned times, and it is free of collisions under any delay.
+Then the temporal plan graph keeps the planned times, and its execution is free of collisions under any delay.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Collision checks of whole motions amid static obstacles, in compiled code.
+"""Collision checks of whole motions among static obstacles, in compiled code.
 
 A motion is halved repeatedly to find pairs of bodies whose capsules are close. Pairs whose hulls are proved apart are
-dropped. Undecided pairs are returned, and the caller decides them by exact distances.
+removed. Undecided pairs are returned; the caller computes their exact distances.
 """
 
 from __future__ import annotations

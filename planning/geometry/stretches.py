@@ -27,7 +27,7 @@ MIXED = -2
 
 
 class PosedStretch(NamedTuple):
-    """Posed stretch of an occupancy: a run of its segments.
+    """Joint poses of a stretch: of a sequence of segments of an occupancy.
 
     Attributes:
         span: its segments, ``range(first, last)``, how many stretches were posed, and how many

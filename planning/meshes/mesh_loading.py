@@ -49,7 +49,7 @@ _NAMES = frozenset({"counts", "corners", "centre", "numbers"})
 
 @contextmanager
 def watch_cutting(begin: Callable[[Path], None]) -> Iterator[None]:
-    """Within the context, call a function with the file of each large mesh before it is cut; not for cached ones."""
+    """Within the context, call a function with each large mesh file before its decomposition, if it is not cached."""
     token = _LISTENER.set(begin)
     try:
         yield

@@ -1,8 +1,8 @@
 """Convex pieces of prismatic bodies, whose faces are all parallel or perpendicular to one direction.
 
 Examples are plates, boards and milled housings. The cross section of such a body is constant between two consecutive
-heights of its faces, so the body consists of prisms. Their convex pieces follow from cutting polygons, which is exact
-and takes milliseconds instead of the minutes of a general search.
+heights of its faces, so the body consists of prisms. The polygons of the cross sections are divided into convex ones.
+This is exact and takes milliseconds instead of the minutes of a general decomposition.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Stability of a structure in every state that a build can reach, and the precedences that ensure it.
+"""Stability of a structure in every state that a build can reach, and precedence constraints that ensure it.
 
 Every set of steps that is closed under predecessors is a reachable state. There may be exponentially many such
 sets, but one check per part is sufficient, because contact forces add up. If, for every part, the bodies that are

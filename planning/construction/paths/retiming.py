@@ -1,6 +1,6 @@
-"""Retiming of space-time paths: waits that lead to the earliest arrival, and waits as early as possible.
+"""Retiming of space-time paths: waits that lead to the earliest arrival, and waits as early as possible on the path.
 
-The times of only one robot change. Its path is checked against the planned motions of all other robots.
+Only the times of one robot change. Its path is checked against the planned motions of all other robots.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Reachability of parts by robots: a lower bound for the search (Hartmann et al. IV-D).
+"""Reachability of parts by robots, used to prune the search (Hartmann et al. IV-D).
 
 Only fixtures are obstacles here; other parts and robots are ignored. If no robot can pick or place a part even then,
 the part can never be placed. Reachability is tested by sampling: a robot counts as unable to reach a part after many
-sampled configurations have failed, with many rotations of its pad.
+sampled configurations have failed, with many rotations of its vacuum pad.
 """
 
 from __future__ import annotations

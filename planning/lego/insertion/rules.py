@@ -16,7 +16,7 @@ Grip = tuple[str, Press, bool]
 """Name of a brick, its grip, and whether it is inserted from below."""
 
 NO_ARM = "the reach of all arms"
-"""Placeholder for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
+"""Placeholder for the obstacle of a grip that no arm of the cell can reach in any scene."""
 
 
 class InsertionMethod(Enum):

@@ -3,7 +3,7 @@
 The finished structure is lifted off the plate; bricks that were present from the start stay on the plate. Then
 temporary bricks are removed one at a time. A temporary brick is pulled straight up or down off its knobs, and then
 moves in any direction along the grid until it is outside. A removal only makes space for others, so the trapped
-bricks do not depend on the order. Hands, pulling forces, and joint removals of several bricks are not modelled.
+bricks do not depend on the order. Hands, pulling forces, and simultaneous removals are not modelled.
 """
 
 from __future__ import annotations

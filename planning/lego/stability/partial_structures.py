@@ -3,8 +3,8 @@
 A sequence search queries thousands of structures that differ by one brick. Many need no linear program: a downward
 force on a brick is carried if its point lies in the convex hull of contacts below that are themselves carried, down
 to the plate. Such forces need no friction, and compression is unlimited. If all bricks rest in this way, the score of
-the structure is 0. A press on such a brick, or one more such brick, does not raise the score of any structure. All
-other structures are checked by one linear program, which is updated from one structure to the next
+the structure (see ``contacts``) is 0. A press on such a brick, or one more such brick, does not raise the score of
+any structure. All other structures are checked by one linear program, which is updated from one structure to the next
 (``planning.statics.equilibrium``).
 """
 
