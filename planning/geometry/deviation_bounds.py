@@ -10,7 +10,7 @@ from planning.kinematics.chain import joint_axis
 from planning.packed import stack_rows
 from planning.transforms import Array
 
-_FEW = 32
+_STACK_POINTS = 32
 """Number of capsule ends for which stack memory is sufficient; few bodies have more."""
 
 
@@ -69,8 +69,8 @@ def deviation_bound(
     if still:
         return 0.0, 0.0, 0.0
     count = last - first
-    points = stack_rows(_FEW, 4)
-    if 2 * count > _FEW:
+    points = stack_rows(_STACK_POINTS, 4)
+    if 2 * count > _STACK_POINTS:
         points = np.empty((2 * count, 4))
     for c in range(count):
         for e in range(2):

@@ -13,7 +13,7 @@ from planning.transforms import Array, Transform, read_only_copy
 SPACING = 0.025
 """Distance between consecutive tool poses on a straight path [m]."""
 
-_BEND = 0.35
+_LARGEST_JOINT_STEP = 0.35
 """Largest joint motion between consecutive tool poses; a larger one changes the arm posture [rad or m]."""
 
 
@@ -99,4 +99,6 @@ def follow_straight_line(
     if found[-1] is None:
         return None
     chain = np.array([q, *found])
-    return None if np.max(np.abs(np.diff(chain, axis=0))) > _BEND else chain
+    return (
+        None if np.max(np.abs(np.diff(chain, axis=0))) > _LARGEST_JOINT_STEP else chain
+    )
