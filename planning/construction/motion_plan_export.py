@@ -1,6 +1,6 @@
 """Export of a space-time plan as the motion plan used by all later stages.
 
-In a space-time plan, robots move simultaneously. Motions are divided at the boundaries of the time cells, and
+In a space-time plan, robots move simultaneously. Motions are divided into intervals of equal length (time cells), and
 further where robots are close. Two pieces that overlap in time must keep the clearance at all points of both motions.
 Then the temporal plan graph keeps the planned times, and its execution is free of collisions under any delay.
 """

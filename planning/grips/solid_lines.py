@@ -1,4 +1,4 @@
-"""Straight lines through a shape: the intervals inside it, and the surface normals there."""
+"""Straight lines through a shape: the intervals inside it, and the surface normals at their ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shape of a tool in its rack, where no robot holds it."""
+"""Shape of a tool that rests in its rack."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collision checks of a robot in space-time against all planned motions."""
+"""Collision checks of a robot in space-time, against the planned motions of all robots and objects."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Handovers of a brick between two robots: meeting poses and arm postures.
 
 The tool of the receiver is horizontal and points to the giver, with its side studs up. The giver approaches from
-above. The meeting place of the publication is tried first, then others in the vertical plane between the two bases,
+above. The meeting place of APEX-MR is tried first, then others in the vertical plane between the two bases,
 the nearest ones first.
 """
 

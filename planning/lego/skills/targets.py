@@ -1,6 +1,6 @@
 """Picks, places and handovers of bricks as sequences of subgoals (APEX-MR Sec. V, App. C).
 
-Every skill of the publication consists of an approach, an attachment and a twist. The first subgoal, ``approach``, is
+Every skill of APEX-MR consists of an approach, an attachment and a twist. The first subgoal, ``approach``, is
 the goal of the transit before the skill; the other subgoals define the reference path of the skill. Distances and
 angles are those of the published demonstrations; they were compared with the published joint paths.
 """

@@ -1,4 +1,4 @@
-"""A brick model from a file of another program: bricks on the stud grid, each with its line in the file."""
+"""A brick model from a file of another program: bricks on the stud grid, each with its line number in the file."""
 
 from __future__ import annotations
 
