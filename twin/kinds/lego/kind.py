@@ -1,4 +1,4 @@
-"""Kind ``lego``: converts its scenario section to planning data, and adds brick colours to motions."""
+"""Kind ``lego``: converts its scenario section to planning data, and assigns brick colours to planned motions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenario sections about relations: press fits of two parts, and time windows between two steps."""
+"""Scenario sections for press fits of two parts, and for time windows between two steps."""
 
 from __future__ import annotations
 

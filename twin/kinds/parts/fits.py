@@ -1,4 +1,4 @@
-"""Fits of parts at their places, and the probability that robots miss a place, from their repeatability."""
+"""Fits of parts at their goals, and the probability that a robot with a given repeatability misses a place."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.scenario.sections.cell import RobotSection
 
 _NEVER = 1e-9
-"""Probability up to which a miss is ignored."""
+"""Smaller probabilities of a miss are neglected."""
 
 
 @dataclass(frozen=True)
 class KnownFit:
-    """Fit of a part, with the success probabilities of its robots.
+    """Fit of a part, with the success probability of each robot.
 
     Attributes:
         fit: the part, and its play.

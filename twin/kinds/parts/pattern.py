@@ -1,4 +1,7 @@
-"""Repetition pattern of the plan of a production line, derived from the tasks of its planned products."""
+"""Repetition pattern of the plan of a production line: dependencies that are the same for every product.
+
+The pattern is derived from the tasks of the first products. The plans of later products are copies of their plans.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of actuation times of tools against skill durations."""
+"""Checks of skill durations against the times that tools need to open and close."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _USES = {
     "handover": (Actuation.CLOSE, Actuation.OPEN),
     TaskKind.HOLD: (Actuation.CLOSE,),
 }
-"""What tools do in a skill of an assembly of parts."""
+"""Tool actuations in each skill of an assembly of parts."""
 
 
 def check_grip_times(subject: CheckContext) -> Findings:
