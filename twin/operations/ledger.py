@@ -1,4 +1,4 @@
-"""Ledger of an operation: steps not done, lost objects, failed attempts, and answers of a person."""
+"""Ledger of an execution with replanning: steps not done, lost objects, failed attempts, and answers of a person."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draft of a recovery plan from one cut: the planned extension, and the abandoned steps."""
+"""Draft of a recovery plan for one cut of the executed plan: the planned extension, and the abandoned steps."""
 
 from __future__ import annotations
 

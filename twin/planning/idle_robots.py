@@ -9,6 +9,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
 
+# Text of each reason in messages, about the steps that the robot could do.
 _WORDS: dict[IdleReason, str] = {
     "no reach": "it reaches none of them",
     "tools": "it has no tool for any of them",
