@@ -1,4 +1,4 @@
-"""Cubic Hermite interpolation of motions between rows of joint positions and speeds."""
+"""Cubic Hermite interpolation of motions that are given by joint positions and speeds at discrete times."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from planning.transforms import Array
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 
 _SHORTEST_NS = 30_000
-"""Longest interval that is not subdivided: accelerations within it are linear up to rounding [ns]."""
+"""Intervals up to this length are not subdivided, since accelerations within them are linear up to rounding [ns]."""
 
 
 def cubic_at(t: Array, q: Array, v: Array, times: Array) -> tuple[Array, Array, Array]:

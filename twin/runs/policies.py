@@ -1,6 +1,6 @@
-"""Names of policies in commands, tables and files.
+"""Names of execution policies in commands, tables and files.
 
-A policy combines a plan with a rule by which its nodes are released.
+A policy combines a plan with a rule for the release of its nodes.
 """
 
 from __future__ import annotations
