@@ -2,8 +2,8 @@
 
 Measured durations are compared with simulated durations of the same plan. Each measured duration is replaced by the
 normal score of its rank among the simulated ones, which limits the effect of outliers. The sum of the most recent
-scores is compared with its standard deviation in the simulations; a large ratio is a drift. The number of scores in
-the sum is the number with the largest ratio, which shows when the drift began.
+scores is compared with its standard deviation in the simulations; a large ratio indicates a drift. The number of scores
+in the sum is the number with the largest ratio, which shows when the drift began.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, Sample
 from twin.durations.nanoseconds import NANOSECONDS
 
-_UNSEEN_NS = 100_000_000
+_GAP_NS = 100_000_000
 """Longer intervals between two samples are gaps with lost samples [ns]."""
 
 _LATER_S = 1e-6
@@ -41,7 +41,7 @@ def samples_between(
         Times in the run [ns] and samples, in order; none where nothing need have been lost.
     """
     (begin_ns, first), (end_ns, last) = before, after
-    near = end_ns - begin_ns <= _UNSEEN_NS or last.done > len(nodes)
+    near = end_ns - begin_ns <= _GAP_NS or last.done > len(nodes)
     if near or last.done < first.done or np.array_equal(first.q, last.q):
         return []
     found: list[tuple[int, Sample]] = []

@@ -15,7 +15,7 @@ from twin.operations.person import Ask
 
 
 class LedgerEntries:
-    """Entries of a ledger, recorded or in a draft.
+    """Entries of a ledger, recorded or in the draft of a recovery plan.
 
     Attributes:
         resting: the later steps that rest on each step, by number.

@@ -1,4 +1,4 @@
-"""Probabilities that robots put objects down beside their places, computed from the robots' repeatability."""
+"""Probabilities that robots miss the goal poses of objects, computed from the robots' repeatability."""
 
 from __future__ import annotations
 

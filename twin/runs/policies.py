@@ -14,6 +14,7 @@ from twin.registry import POLICIES
 if TYPE_CHECKING:
     from twin.runs.execution_record import Policy
 
+# Names of plans, described below.
 IN_TURNS = "in turns"
 SHORTENED = "shortened"
 IN_SLOTS = "in slots"

@@ -15,7 +15,7 @@ class RunMoment:
     """Point in time of a run.
 
     Attributes:
-        run: the run.
+        run: result of the run.
         t_s: time since its start [s].
     """
 

@@ -1,7 +1,7 @@
 """Stops of robots at given times of the run's clock: emergency stops, and breakdowns at clock times.
 
-Stops do not depend on the events of a run, so they are given as intervals. If a stop begins within a node, the robot
-stands still and afterwards continues from the same point. At the instant at which a stop begins, the robot has no
+Stops do not depend on the events of a run, so they are given as time intervals. If a stop begins within a node, the
+robot stands still and afterwards continues from the same point. At the instant at which a stop begins, the robot has no
 other event.
 """
 

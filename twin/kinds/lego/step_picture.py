@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # Width of a stud [mm], and millimetres per metre.
 _STUD_MM, _MM = 8.0, 1000.0
-# Colours of a pressed and of a supported brick, and the hatching of temporary bricks.
+# Colours of the press and of supports, and the hatching of temporary bricks.
 _PRESS, _HOLD, _HATCH = "tab:blue", "tab:green", "////"
 
 

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from planning.bounds import LONGEST_S
 from twin.document.section import Name, PairOf, Section
 
+# Time lag between two steps [s].
 Lag = Annotated[float, Field(ge=0, le=LONGEST_S)]
 
 

@@ -10,7 +10,7 @@ from planning.parts.part_steps import PartFit, part_fits
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.scenario.sections.cell import RobotSection
 
-_NEVER = 1e-9
+_NEGLIGIBLE = 1e-9
 """Smaller probabilities of a miss are neglected."""
 
 
@@ -73,7 +73,7 @@ def miss_probabilities(
         for robot, chance in fit.chances.items():
             name = f"{robot}/{fit.name}"
             out[name] = max(out.get(name, 0.0), 1.0 - chance)
-    return {name: miss for name, miss in out.items() if miss > _NEVER}
+    return {name: miss for name, miss in out.items() if miss > _NEGLIGIBLE}
 
 
 def known_fits(

@@ -1,6 +1,6 @@
-"""Repetition pattern of the plan of a production line: dependencies that are the same for every product.
+"""Repetition pattern of a production line: tasks and dependencies of a few products, copied for all other products.
 
-The pattern is derived from the tasks of the first products. The plans of later products are copies of their plans.
+The pattern is derived from the tasks of the first products, which are planned.
 """
 
 from __future__ import annotations
