@@ -1,4 +1,4 @@
-"""Trajectories of robots and poses of objects, computed from the node times of a run."""
+"""Trajectories of robots and poses of objects, computed from the start and end times of the nodes of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of kind ``construction``: infeasible problems, found by lower bounds, and robots that can handle no part."""
+"""Checks of assembly kind ``construction``: infeasibility by lower bounds, and robots that can handle no part."""
 
 from __future__ import annotations
 
