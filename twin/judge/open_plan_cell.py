@@ -1,4 +1,4 @@
-"""Cells with all objects that an open plan names."""
+"""Workcell for an open plan (the JSON plan format of ``twin judge``), with all objects that the plan names."""
 
 from __future__ import annotations
 

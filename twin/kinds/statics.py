@@ -1,4 +1,4 @@
-"""Scenario sections for static equilibrium: joined parts, and the check of balance after every step."""
+"""Scenario sections for static equilibrium: joints between parts, and the balance check after every step."""
 
 from __future__ import annotations
 

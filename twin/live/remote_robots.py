@@ -1,7 +1,6 @@
-"""Robots moved by drivers: the dispatcher permits (clears) nodes, and drivers report which nodes they execute.
+"""Robots moved by drivers: the dispatcher clears nodes for execution, and drivers report their progress.
 
-The clock of the simulation follows real time. Everything without a driver is simulated, such as a person who
-brings a part.
+The simulation clock follows real time. Everything without a driver is simulated, such as a person who brings a part.
 """
 
 from __future__ import annotations

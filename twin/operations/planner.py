@@ -1,6 +1,8 @@
-"""Interface of recovery planners, which turn a plan state and a replan trigger into a new state and a plan revision.
+"""Interface of recovery planners, which revise a plan during its execution.
 
-A revision appends an extension to the committed prefix, the nodes that are executed as planned in any case.
+A planner receives the state of the plan and the trigger of replanning, such as a failure. It returns a new state and a
+plan revision. The revision appends new nodes to the committed prefix: the nodes that are executed as planned in any
+case.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Replanning during an execution: the graph is cut and extended while robots execute it.
 
-A run continues after all attempts at a skill have failed, or after an outage of a robot. While the committed prefix
-is executed, the rest is planned from the world state at the end of that prefix. Then the extended graph replaces the
-old one. ``Planner`` plans each revision; its subclass ``Recovery`` in twin/operations/recovery.py does so for bricks,
-goals and parts.
+A run continues after all attempts at a skill have failed, or after an outage of a robot. The nodes that are still
+executed as planned are the committed prefix. During their execution, the rest is planned from the world state at the
+end of the prefix. Then the extended graph replaces the old one. ``Planner`` plans each revision. Its subclass
+``Recovery`` in twin/operations/recovery.py is for bricks, goals and parts.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""State shared by the web page and the run: orders from people to the run, and progress of the run for display.
-
-People next to a cell watch the progress of the run, give orders to robots and answer questions.
-"""
+"""State shared by the web page and the run: orders and answers from people, and the progress that the page displays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Probabilities that robots put objects down beside their places, computed from the robots' repeatability."""
+"""Probabilities that robots miss the goal poses of objects, computed from the robots' repeatability."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ def miss_probabilities(scenario: Scenario, folder: Path) -> Mapping[str, float]:
     """Return the probability of missing a place, by ROBOT/OBJECT, for robots with a repeatability.
 
     Args:
-        scenario: passed the checks of its file.
-        folder: where relative paths in it start.
+        scenario: a validated scenario.
+        folder: base folder of relative paths in the scenario.
     """
     robots = scenario.cell.robots
     if not any(robot.repeatability_m for robot in robots):

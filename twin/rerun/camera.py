@@ -1,4 +1,4 @@
-"""Camera of a Rerun recording, placed so that the whole site is in view."""
+"""Camera of a Rerun recording, placed so that the whole scene is in view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Event rows of a Rerun recording: each has a sentence for people, and columns for programs."""
+"""Event rows of a Rerun recording: each has a readable sentence, and columns for programs."""
 
 from __future__ import annotations
 

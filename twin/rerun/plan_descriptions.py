@@ -1,4 +1,4 @@
-"""Text descriptions of tasks and waits: a task with its part and step, a wait with the robots involved."""
+"""Text descriptions of tasks, with part and step, and of waits, with the robots involved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writer of the 3-D recording ``run.rrd``: moving bodies, robot lanes, plots and event rows.
+"""Writer of the 3-D recording ``run.rrd``: moving bodies, task timelines of robots, plots and event rows.
 
 The recording is written in columns after the run, which is about a hundred times faster than row by row.
 """

@@ -1,4 +1,4 @@
-"""Figures of a run: the content of ``summary.json``, and the table printed in the terminal."""
+"""Key figures of a run: the content of ``summary.json``, and the table printed in the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulation of a plan: the execution model of a scenario, and one execution with it."""
+"""Simulation of a plan: the execution model (durations, policy, disturbances), and one execution with it."""
 
 from __future__ import annotations
 

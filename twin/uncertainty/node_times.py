@@ -1,8 +1,8 @@
 """Durations and standstills of all nodes in a replication, drawn before the run begins.
 
-Speeds of motions, jitter, stalls, breakdowns by busy time and failed attempts at skills do not depend on events of the
-run. Stops at clock times are given as intervals. The event engine and the bulk engine, which computes many
-replications at once, use the same draws.
+Speeds of motions, jitter, stalls, breakdowns after a busy time and failed attempts at skills do not depend on events of
+the run. Stops at given clock times are given as time intervals. The event engine and the bulk engine, which computes
+many replications at once, use the same draws.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Kind ``construction``: converts its scenario section to planning data, and plans the motions."""
+"""Assembly kind ``construction``: converts its scenario section to planning data, and plans the motions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenario section of kind ``construction``: a model or listed parts, built by mobile robots."""
+"""Scenario section of assembly kind ``construction``: a structure of parts, given by a model or a list."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kind ``goals``: converts its scenario section to goal configurations and poses for planning."""
+"""Assembly kind ``goals``: converts its scenario section to goal configurations and poses for planning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kind ``lego``: converts its scenario section to planning data, and adds brick colours to motions."""
+"""Assembly kind ``lego``: converts its scenario section to planning data, and gives planned motions brick colours."""
 
 from __future__ import annotations
 

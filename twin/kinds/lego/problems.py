@@ -1,4 +1,4 @@
-"""Consistency checks of LEGO sections: known bricks, no overlaps, supported bricks, and enough stock.
+"""Consistency checks of LEGO sections: known bricks, no overlaps, no floating bricks, and enough stock.
 
 Given steps are checked one after another; a given structure is checked as a whole.
 """

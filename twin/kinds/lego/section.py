@@ -1,4 +1,4 @@
-"""Scenario section of kind ``lego``: plates, bricks in stock, and the steps or the finished structure."""
+"""Scenario section of assembly kind ``lego``: plates, bricks in stock, and the steps or the finished structure."""
 
 from __future__ import annotations
 

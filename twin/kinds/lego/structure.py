@@ -1,7 +1,7 @@
 """Scenario sections of finished LEGO structures, and their conversion to bricks.
 
-A scenario gives a structure instead of steps, and the planner finds the steps. A structure may combine drawings and
-lists of bricks.
+If a scenario gives a structure instead of steps, the planner finds the steps. A structure may combine text drawings
+of layers, text drawings of side views, and lists of bricks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Scenario sections about relations: press fits of two parts, and time windows between two steps."""
+"""Scenario sections for press fits of two parts, and for time windows between two steps."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from planning.bounds import LONGEST_S
 from twin.document.section import Name, PairOf, Section
 
+# Time lag between two steps [s].
 Lag = Annotated[float, Field(ge=0, le=LONGEST_S)]
 
 

@@ -1,4 +1,4 @@
-"""Fits of parts at their places, and the probability that robots miss a place, from their repeatability."""
+"""Fits of parts at their goals, and the probability that a robot with a given repeatability misses a place."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from planning.parts.part_steps import PartFit, part_fits
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.scenario.sections.cell import RobotSection
 
-_NEVER = 1e-9
-"""Probability up to which a miss is ignored."""
+_NEGLIGIBLE = 1e-9
+"""Smaller probabilities of a miss are neglected."""
 
 
 @dataclass(frozen=True)
 class KnownFit:
-    """Fit of a part, with the success probabilities of its robots.
+    """Fit of a part, with the success probability of each robot.
 
     Attributes:
         fit: the part, and its play.
@@ -73,7 +73,7 @@ def miss_probabilities(
         for robot, chance in fit.chances.items():
             name = f"{robot}/{fit.name}"
             out[name] = max(out.get(name, 0.0), 1.0 - chance)
-    return {name: miss for name, miss in out.items() if miss > _NEVER}
+    return {name: miss for name, miss in out.items() if miss > _NEGLIGIBLE}
 
 
 def known_fits(

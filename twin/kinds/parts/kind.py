@@ -1,4 +1,4 @@
-"""Scenario kind ``assembly`` (an assembly of parts): builds its planning data from its section."""
+"""Assembly kind ``assembly`` (an assembly of parts): builds its planning data from its section."""
 
 from __future__ import annotations
 

@@ -13,6 +13,7 @@ from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
 from twin.scenario.sections.shapes import PoseSection
 
+# Value ranges of keys.
 Count = Annotated[int, Field(ge=1, le=100)]
 Amount = Annotated[int, Field(ge=1, le=1000)]
 Pitch = Annotated[float, Field(ge=-100, le=100)]

@@ -1,4 +1,4 @@
-"""Scenario section of the cell: robots, listed singly or as a team, tools, fixtures and clearances."""
+"""Scenario section of the cell: robots (listed singly or as a team), tools, fixtures and clearances."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Statistics of replications: means, quantiles and shares with confidence intervals.
+"""Statistics of replications: means, quantiles and proportions with confidence intervals.
 
-Replications are independent: each has its own draws. A run is a terminating simulation, so there is no warm-up
-period. A share of 0, such as 0 failures of 50, has an upper bound above 0.
+Replications are independent: each has its own random draws. A run is a terminating simulation, so there is no warm-up
+period. A proportion of 0, such as 0 failures in 50 replications, has an upper confidence bound above 0.
 """
 
 from __future__ import annotations

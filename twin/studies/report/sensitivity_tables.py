@@ -1,4 +1,4 @@
-"""Tables of what the makespan depends on: gains of interventions, effects of inputs, Sobol indices."""
+"""Tables of the sensitivity of the makespan: gains of interventions, effects of inputs, and Sobol indices."""
 
 from __future__ import annotations
 
