@@ -1,4 +1,4 @@
-"""Motions slowed down by limits of tool speed and of joint effort, counted by robot."""
+"""Number of motions of each robot that are slowed down by limits of tool speed or joint effort."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Histories of handled objects by node: carried, at rest within a node, or between nodes.
+"""State of each handled object at each node: carried by a robot, or at rest within a node or between nodes.
 
-Histories follow from the handlings in planned order. An object that appears later, such as a further brick
-of a feeding station, is absent before its first handling, which places it. After a handover the standing
-receiver holds the object until its next node, which then carries it.
+The states follow from the picks, placements and handovers in planned order. An object that is supplied later,
+such as a further brick of a feeding station, does not exist before its first handling, which places it. After
+a handover the receiving robot holds the object at rest until its next node, which then carries it.
 """
 
 from __future__ import annotations

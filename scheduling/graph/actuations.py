@@ -1,4 +1,4 @@
-"""Nodes in which robots stand while their tools close or open."""
+"""Nodes during which a robot stands still while its tool closes or opens."""
 
 from __future__ import annotations
 

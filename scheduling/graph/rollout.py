@@ -1,4 +1,4 @@
-"""Earliest and latest times of nodes when all start as early as the graph allows."""
+"""Earliest and latest times of nodes in the schedule in which every node starts as early as the graph allows."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Rating of task plans by the makespan of their temporal plan graphs.
 
-The integer program adds up distances; it does not model waits between robots. A plan is rated by its own
-motions, the best order of its tasks that a beam search finds, and transits smoothed past HOME.
+The integer program of the task assignment adds up distances and does not model waits between robots. Each plan
+is therefore rated by the makespan with its own motions, with the best task order that a beam search finds, and
+with shortened transits that need not pass through HOME.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Parts of transit spans with corners that may be rounded, and the nodes along their bends.
+"""Transit runs, and the curves that round their corners.
 
-Such a part is called a transit run.
+A transit run is a sequence of straight joint-space segments of one robot with corners that may be rounded.
+The module also determines which nodes lie along each curve.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pieces of the chains of a graph, cut at the ends of the transit spans that may be shortened."""
+"""Division of the node chains of a graph at the ends of the transit spans that may be shortened."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LONGEST = 128
 
 
 class GraphPieces:
-    """All chains of a graph, cut so that every transit span that may be shortened consists of whole pieces.
+    """All chains of a graph, divided such that every transit span that may be shortened consists of whole pieces.
 
     Args:
         tpg: the graph.

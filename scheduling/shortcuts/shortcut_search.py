@@ -1,4 +1,4 @@
-"""State of the shortcut search: the transits to shorten, and the effect of a candidate on the graph."""
+"""State of the shortcut search: the transits to shorten, and the graph that results from a candidate path."""
 
 from __future__ import annotations
 

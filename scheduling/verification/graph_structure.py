@@ -1,6 +1,6 @@
-"""Structure of a saved plan: acyclic, in planned order, with ordered handlings of objects.
+"""Checks of the structure of a saved plan: no cycles, planned order, and ordered handling of objects.
 
-Precedence of nodes comes from ancestor sets, stored as bits of integers.
+Precedence of nodes is computed from ancestor sets, stored as bits of integers.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Convex parts of robots, and of objects and fixtures at rest, with their distances by coal."""
+"""Convex parts of robots, objects and fixtures, and their distances computed by coal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint values compared with limits: one violation per interval of excess."""
+"""Comparison of joint values with limits, with one violation per time interval of excess."""
 
 from __future__ import annotations
 
