@@ -1,10 +1,10 @@
 """Time windows between tasks: elapsed times, violations, and edges that delay robots so that windows are kept.
 
-A time window is a longest allowed time between the completion of one node and a second node. It may be
-violated if the second node must wait for a slow third robot. Timed edges prevent this: they delay the task
-that opens the window until the rest of the longest path to the second node is short enough, or until the
-source of the edge is complete. A timed edge never comes from a node that waits for the delayed one, so there is
-no cycle, and every execution ends under any delays.
+A time window bounds the time from the end of one task to the start of another. The second task could start too
+late if it also waits for a slow third robot. Timed edges prevent this: they delay the first task until the
+remaining path from the third robot to the second task is short enough, or until the source of the edge is
+complete. A timed edge never starts at a node that waits for the delayed task, so there is no cycle, and every
+execution ends under any delays.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A span consists of consecutive transits, so a shortcut can skip HOME between them. It ends at a skill, where the
 load of the robot changes, at an explicit goal, and at a task that waits for a task of another robot or for
-which another robot waits. A shortcut that skipped such a point could change what another robot may do when.
+which another robot waits. A shortcut must not skip such a point.
 
 During the shortcut search, a new path has as many nodes as the path that it replaces. At the end, adjacent
 nodes on one straight line are merged if no wait changes: the first has no successors on other robots, and the

@@ -20,7 +20,7 @@ def joint_violations(
     limits: Mapping[str, JointLimits],
     measured: Collection[str] = (),
 ) -> Iterator[Violation]:
-    """Yield violations of joint position and speed limits.
+    """Yield violations of joint position limits and joint speed limits.
 
     Between two rows a robot moves along a straight line in joint space, so rows settle both. When a robot
     was where it was measured is known to some milliseconds only, which makes its speed over a few of them

@@ -1,4 +1,4 @@
-"""Audit of intermediate places of parts, and of the places of parts while machines work on them."""
+"""Audit of the intermediate positions of parts, and of their positions while machines work on them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Placement of names in a view, where there is room."""
+"""Placement of name labels in a view without overlap."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LETTER, _LINE = 0.3, 0.75
 
 @dataclass
 class Names:
-    """Writes names where there is room.
+    """Writes name labels at free positions.
 
     Attributes:
         area: to write in.

@@ -1,4 +1,4 @@
-"""Exponential, gamma and Weibull distributions of durations, and their fits."""
+"""Exponential, gamma and Weibull distributions of durations, and their fits to data."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twin.durations.model import Factor, PositiveSeconds, Seconds, Shape, requir
 
 
 class Exponential(FittableModel):
-    """Exponential distribution, without memory: the rest does not depend on the time so far.
+    """Exponential distribution, without memory: the remaining time does not depend on the elapsed time.
 
     Short ones are most likely, some are very long.
 

@@ -11,7 +11,7 @@ EndingCode = Literal["driver-lost", "off-path", "nothing-to-come", "no-progress"
 
 @dataclass(frozen=True)
 class PendingNode:
-    """The next node of a robot at the end of a session.
+    """The next node of a robot when an execution ends.
 
     Attributes:
         robot, node, task: the robot, the index of its node, and the index of the task of that.

@@ -22,7 +22,7 @@ MotionTime = Callable[[int, int, int, int], int]
 
 
 class SimulatedRobots(RobotPort):
-    """Robots that execute each node from rest to rest, in its drawn duration.
+    """Robots that execute each node from rest to rest, in a randomly drawn duration.
 
     Args:
         execution: the run.

@@ -1,4 +1,4 @@
-"""Designs of an exploration as sources of new scenarios for ``twin init``."""
+"""Cell designs found by an exploration, as starting points of new scenarios (``twin init --from``)."""
 
 from __future__ import annotations
 

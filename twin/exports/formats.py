@@ -1,4 +1,4 @@
-"""The available export formats of runs, each an entry of the registry."""
+"""Export formats of runs, found through the plug-in registry."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FOLDER = "exports"
 def exported_files(
     run: RunResult, name: str, *, nodes: bool = False, rate_hz: float | None = None
 ) -> Mapping[str, bytes]:
-    """Return the content of each file of a format by its name.
+    """Return the content of each file of an export format, by file name.
 
     Args:
         run: the run.
