@@ -1,6 +1,6 @@
-"""Repetition of the plan of a few products for mass production, by copies of its nodes, tasks and objects.
+"""Repetition of the plan of a few products, to make many products, by copies of its nodes, tasks and objects.
 
-A ``Pattern`` says how the plan is repeated.
+A ``Pattern`` specifies how the plan is repeated.
 """
 
 from __future__ import annotations

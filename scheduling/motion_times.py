@@ -1,4 +1,4 @@
-"""Durations of nodes within the robots' limits of speed, acceleration and jerk.
+"""Durations of motions within the robots' limits of speed, acceleration and jerk.
 
 Durations are computed without waits. The simulation engines add waits, with the same functions of
 ``planning.timing.stretch``.

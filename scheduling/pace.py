@@ -1,8 +1,8 @@
 """Speed and acceleration limits of robots along their paths with their current payload.
 
 A straight piece of a path has the lowest speed limit of its points, and an acceleration within the effort
-limits of the joints along all of it. A skill has a given timing along its path, so it is slowed down by
-one factor.
+limits of the joints along all of it. A skill, such as a pick, has a given timing along its path, so it is
+slowed down by one factor.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Number of motions of each robot that are slowed down by limits of tool speed or joint effort."""
+"""Statistics of slowed motions: how many motions of each robot are slowed down, and by which limits.
+
+The limits are those of tool speed and joint effort.
+"""
 
 from __future__ import annotations
 

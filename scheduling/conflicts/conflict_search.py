@@ -1,10 +1,10 @@
 """Search for the conflicts between two occupancies, with one bounding-volume tree for each of them.
 
-An occupancy is the swept volume of consecutive motion segments. Both trees are descended together. A pair of
-blocks is skipped when the two volumes are apart, when it is outside the requested range of nodes, or when
-edges found so far already imply all its conflicts. Only necessary edges are returned: for each node, the last
+An occupancy is the swept volume of consecutive motion segments of a robot. Both trees are descended together. A
+pair of subtrees is skipped when their volumes are apart, when it is outside the requested range of nodes, or when
+edges found so far already order all its conflicts. Only necessary edges are returned: for each node, the last
 node of the other robot that it must wait for. At the leaves, separating planes exclude pairs of bodies over
-successively shorter parts of the motion. For single segments, the distance between convex hulls decides.
+successively shorter parts of the motion. Single segments conflict if their convex hulls are too close.
 """
 
 from __future__ import annotations

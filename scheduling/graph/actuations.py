@@ -10,7 +10,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 
 def actuation_nodes(tpg: TemporalPlanGraph) -> list[dict[int, Actuation]]:
-    """Return the actuations of each chain by node.
+    """Return the tool actuations of each chain (all nodes of one robot), by index of the node.
 
     In a contracted graph, actuations within joined nodes are left out.
     """

@@ -1,4 +1,7 @@
-"""State machine over a temporal plan graph that reports which nodes may start. It has no clock."""
+"""State machine over a temporal plan graph that reports which nodes may start. It has no clock.
+
+A node is a piece of the motion of one robot.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes of each task, and the type-2 edges (between different robots) that task dependencies require."""
+"""Nodes of each task, and the edges between nodes of different robots that task dependencies require."""
 
 from __future__ import annotations
 

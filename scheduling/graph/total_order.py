@@ -1,8 +1,7 @@
 """Total order of all nodes of a temporal plan graph, and array operations on graphs in this order.
 
-Nodes are sorted by planned start, then by task, then by position in the task. The index of a robot never
-breaks a tie, because a node of zero duration starts at the same time as the node before it. Every type-2 edge
-follows this order, so the graph has no cycle.
+Nodes are sorted by planned start, then by task index, then by position in the task. Robot indices never break a
+tie. Every edge between robots follows this order, so the graph has no cycle.
 
 Precedence between robots is stored as vector clocks. The clock of a node holds, for each robot, its last node
 that must be complete before the node may start. One look-up tells whether one node precedes another, and

@@ -1,10 +1,10 @@
-"""Beam search for a task order between robots with a shorter makespan.
+"""Beam search for the order of tasks of different robots, to shorten the makespan.
 
 Every robot keeps its own order of tasks; only their interleaving is searched. A state is the number of tasks
-that each robot has completed (task-completion diagram; O'Donnell and Lozano-Perez, 1989). A step completes one
-further task. It is allowed if the task could be executed alone in this state: its predecessors are complete,
-and it is free of collisions with idle robots and with objects at rest. A partial order is rated by the
-completion times of all robots when all nodes start as early as its temporal plan graph allows.
+that each robot has completed (task-completion diagram; O'Donnell and Lozano-Perez, 1989). A search step completes
+one further task. It is allowed if the task could be executed alone in this state: its predecessors are complete,
+and it is free of collisions with robots and objects at rest. A partial order is rated by the completion times of
+all robots when all nodes start as early as its temporal plan graph allows.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Collision checks of a multi-robot transit against the whole swept volumes of skills executed at the same time.
 
-The duration of a skill is not known in advance, so the transit cannot be synchronized with it. The transit must
-avoid the whole swept volume of the skill. Geometry and tolerances are those of the conflict search, which
-therefore finds no conflict between them later.
+The duration of a skill, such as a pick, is not known in advance. So the transit cannot be synchronized with it, and
+must avoid the whole swept volume of the skill. Geometry and tolerances are those of the conflict search, which
+therefore finds no conflict between the two later.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Rating of task plans by the makespan of their temporal plan graphs.
 
-The integer program of the task assignment adds up distances and does not model waits between robots. Each plan
-is therefore rated by the makespan with its own motions, with the best task order that a beam search finds, and
-with shortened transits that need not pass through HOME.
+The integer program of the task assignment adds up distances and does not model waits between robots. To rate a plan,
+its motions are planned, the best task order is found by a beam search, and transits are shortened so that they need
+not pass through HOME. The rating is the resulting makespan.
 """
 
 from __future__ import annotations

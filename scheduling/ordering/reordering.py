@@ -1,8 +1,8 @@
 """Reordering of the tasks of a temporal plan graph for a shorter makespan.
 
-By default, conflicting nodes keep the order of the sequential input plan (APEX-MR, section IV-C). This order may
-force robots to wait without need: one robot places a brick before another one picks, although both could
-pick at the same time. So a better order of tasks is searched, and edges are rebuilt from the same nodes.
+At first, conflicting nodes have the order of the sequential input plan (APEX-MR, section IV-C). This order can cause
+unnecessary waits: one robot places a brick before another one picks, although both could do this at the same
+time. So a better order of tasks is searched, and the edges are rebuilt from the same nodes.
 """
 
 from __future__ import annotations

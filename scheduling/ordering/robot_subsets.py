@@ -2,9 +2,9 @@
 
 The integer program of the task assignment distributes steps over all robots and does not model waits between
 robots. Where every step depends on the one before it, a third robot saves no time and only blocks the others.
-So with more than two robots, the work is also planned for each subset of at least two of them, and each plan is
-rated by its makespan. Unused robots stay at HOME. So the plans for a cell with one more robot include the plans
-for the cell without it, unless this robot is an obstacle even at HOME.
+Therefore, with more than two robots, the work is also planned for each subset of at least two of them, and each
+plan is rated by its makespan. Unused robots stay at HOME. The plans for a cell with one more robot thus include the
+plans for the cell without it, unless this robot is an obstacle even at HOME.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _MOST_CREWS = 32
 
 
 def robot_subsets(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
-    """Yield subsets of robots: those that may do everything, while other capable ones idle.
+    """Yield subsets of robots that do all the work while the other robots stay idle.
 
     Args:
         problem: the work of all robots.

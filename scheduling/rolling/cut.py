@@ -2,8 +2,8 @@
 
 The *committed prefix* contains all released nodes, and all nodes that can be completed without the steps to be
 replaced. The other nodes come after the cut. Committed nodes wait only for committed nodes, so they can be
-executed to the end whatever is planned after the cut. A robot at rest at the cut blocks no committed node: a
-node that it would block comes after a node beyond the cut, so it is not committed.
+executed to the end whatever is planned after the cut. No robot that stops at the cut blocks a committed node: a
+node that it would block must wait for a node after the cut, and is therefore not committed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Transit spans that may be shortened, and candidate paths that may replace them (APEX-MR, section IV-C).
+"""Spans of transits that may be shortened, and candidate paths that may replace them (APEX-MR, section IV-C).
 
 A span consists of consecutive transits, so a shortcut can skip HOME between them. It ends at a skill, where the
 load of the robot changes, at an explicit goal, and at a task that waits for a task of another robot or for

@@ -1,4 +1,7 @@
-"""Division of the node chains of a graph at the ends of the transit spans that may be shortened."""
+"""Division of the nodes of each robot into pieces, for reuse of their swept volumes and conflicts.
+
+The nodes are divided at the ends of all sequences of transits that may be shortened.
+"""
 
 from __future__ import annotations
 

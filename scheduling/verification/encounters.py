@@ -1,9 +1,9 @@
-"""Encounters in a plan: two parts that may come close to each other.
+"""Encounters in a plan: two bodies that may come close to each other.
 
-One is a part of a robot; the other is a part of another robot, or an object or a fixture at rest. A *piece* is a
-short motion of a robot, or its standstill between two nodes. An encounter lists the pairs of pieces that may be
-simultaneous and in which the two parts come close. ``verify`` and ``survived_errors`` measure distances in these
-pairs only.
+One belongs to a robot or its load. The other belongs to another robot, or to an object or fixture at rest. A
+*piece* is a short motion of a robot, or its standstill between two nodes. An encounter lists the pairs of pieces
+that may be simultaneous and in which the two bodies come close. ``verify`` and ``survived_errors`` measure
+distances in these pairs only.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Checks of the structure of a saved plan: no cycles, planned order, and ordered handling of objects.
+"""Checks of the structure of a saved plan: no cycles, edges in planned order, and unambiguous order of handlings.
 
-Precedence of nodes is computed from ancestor sets, stored as bits of integers.
+A handling is a pick, placement or handover of an object. Precedence of nodes is computed from ancestor sets,
+stored as bits of integers.
 """
 
 from __future__ import annotations

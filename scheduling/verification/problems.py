@@ -13,7 +13,7 @@ _Node = tuple[int, int]
 
 @dataclass(frozen=True)
 class Moment:
-    """One side of a problem.
+    """A motion or rest of one robot, object or fixture that is involved in a violation.
 
     Attributes:
         robot: name of the robot, None for an object or fixture at rest.

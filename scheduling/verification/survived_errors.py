@@ -1,4 +1,4 @@
-"""Largest calibration and force-control errors that a plan tolerates without collision.
+"""Calibration and force-control errors that a plan provably tolerates without collision.
 
 The errors are displacements of robot bases, and deviations of tools from reference paths in skills. Every robot
 base has an independent, constant displacement. Objects at rest are at their planned poses, and held objects at

@@ -1,7 +1,7 @@
 """Independent, slow proof that a saved plan is safe for any delays (``twin verify``).
 
-No code is shared with the construction of the graph. Precedence is computed from ancestor sets, robot geometry
-is read by pinocchio from the URDF files, distances are computed by coal with exact shapes, and occupancy comes
+No code is shared with the construction of the graph. Precedence is computed from the sets of all ancestors of nodes.
+pinocchio reads robot geometry from the URDF files, and coal computes distances with exact shapes. Occupancy comes
 from dense samples, enlarged by a bound on the motion between them.
 
 The structure of the graph is checked. Nodes must do what their tasks specify, without jumps of robots or objects.

@@ -13,7 +13,7 @@ from planning.transforms import Array, Transform
 from scheduling.witness.shapes import coal_forms
 
 TOLERANCE = 2e-5
-"""Distances may fall short of the clearance by this much: coal's are that exact [m]."""
+"""Tolerance of distance comparisons with the clearance: the accuracy of coal [m]."""
 
 _REQUEST = coal.DistanceRequest()
 _RESULT = coal.DistanceResult()

@@ -3,7 +3,7 @@
 The z axis of a tool frame points out of the hand (*depth*), fingers close along y (*closing*), and x is
 called *across*. Fingers are the shapes of a tool that are wholly on one side of the plane in which they meet.
 They close in a straight line and must touch the object from both sides, after equal travel. A suction cup
-must be on the object, with the tool frame inside the cup.
+must touch the object, with the origin of the tool frame inside the cup.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ _TINY = 18.0
 """Objects that appear smaller than this are drawn again at a larger scale [points]."""
 
 _NEAR = 0.06
-"""Things nearer to each other than this share of the view are drawn together."""
+"""Objects closer to each other than this share of the view are drawn together."""
 
 _ROOM, _LARGER = 0.1, 1.5
 """Room around what is drawn again, of its size, and how much larger it must become for it to be."""

@@ -12,7 +12,7 @@ from planning.transforms import Array
 from twin.drawing.pictures import FRAME
 
 NAME_SIZE = 6
-"""Size of names in the picture [points]."""
+"""Font size of names in the picture [points]."""
 
 _LETTER, _LINE = 0.3, 0.75
 """Half the width and half the height of a name, over its size and letters."""

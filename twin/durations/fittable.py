@@ -16,7 +16,7 @@ _GOLDEN = float((np.sqrt(5.0) - 1) / 2)
 
 
 class FittableModel(DurationModel):
-    """A distribution that can be fitted; the class represents the family, an instance one choice of parameters.
+    """A distribution that can be fitted; its class stands for all those parameters.
 
     ``x`` are samples, shape (b, n), each row rising [s]; ``theta`` are parameters, shape (b, p).
     SciPy fits one sample at a time; a bootstrap test fits hundreds.

@@ -14,7 +14,7 @@ from twin.durations.model import Factor, PositiveSeconds, Seconds, Shape, requir
 
 
 class Exponential(FittableModel):
-    """Exponential distribution, without memory: the remaining time does not depend on the elapsed time.
+    """Exponential distribution, without memory: the rest does not depend on the time so far.
 
     Short ones are most likely, some are very long.
 

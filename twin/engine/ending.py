@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 EndingCode = Literal["driver-lost", "off-path", "nothing-to-come", "no-progress"]
-"""Causes: driver lost within a node; robot off its path; no further event possible; no progress for a long time."""
+"""Causes: connection to the driver lost during a node; robot off its path; no further event; no progress for long."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def begin_named_design(target: Path, source: str) -> Path | None:
-    """Write the scenario of a design if ``source`` names a design.
+    """Write the scenario file of a design if ``source`` names a design.
 
     Args:
         target: a YAML file, or a folder.

@@ -12,7 +12,7 @@ from twin.registry import EXPORTS
 from twin.trial.run_result import RunResult
 
 FOLDER = "exports"
-"""Default folder of exports, in that of the run."""
+"""Default folder of exports, inside the run folder."""
 
 
 def exported_files(
