@@ -2,7 +2,7 @@
 
 The integer program of the task assignment adds up distances and does not model waits between robots. To rate a plan,
 its motions are planned, the best task order is found by a beam search, and transits are shortened so that they need
-not pass through HOME. The rating is the resulting makespan.
+not pass through the home configuration. The rating is the resulting makespan.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 The integer program of the task assignment distributes steps over all robots and does not model waits between
 robots. Where every step depends on the one before it, a third robot saves no time and only blocks the others.
 Therefore, with more than two robots, the work is also planned for each subset of at least two of them, and each
-plan is rated by its makespan. Unused robots stay at HOME. The plans for a cell with one more robot thus include the
-plans for the cell without it, unless this robot is an obstacle even at HOME.
+plan is rated by its makespan. Unused robots stay at their home configuration. The plans for a cell with one more robot
+thus include the plans for the cell without it, unless this robot is an obstacle even there.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Spans of transits that may be shortened, and candidate paths that may replace them (APEX-MR, section IV-C).
 
-A span consists of consecutive transits, so a shortcut can skip HOME between them. It ends at a skill, where the
-load of the robot changes, at an explicit goal, and at a task that waits for a task of another robot or for
+A span consists of consecutive transits, so a shortcut can skip the home configuration between them. It ends at a
+skill, where the load of the robot changes, at an explicit goal, and at a task that waits for another robot or for
 which another robot waits. A shortcut must not skip such a point.
 
 During the shortcut search, a new path has as many nodes as the path that it replaces. At the end, adjacent

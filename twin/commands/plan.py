@@ -1,4 +1,4 @@
-"""``twin plan``: plan a scenario, or plan on from an intermediate state of a run, and save the plan."""
+"""``twin plan``: plan a scenario, or its remaining steps from an intermediate state of a run, and save the plan."""
 
 from __future__ import annotations
 

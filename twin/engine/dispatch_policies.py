@@ -1,4 +1,4 @@
-"""Dispatch policies: rules for when the dispatcher releases a node to its robot.
+"""Dispatch policies: rules for when the dispatcher releases a node (a piece of planned motion) to its robot.
 
 The engines release a node when all its predecessors in the graph are complete. A policy adds edges to the graph of the
 plan. Engines, forecasts and exports treat these like other edges. Two built-in policies are implemented in the engines

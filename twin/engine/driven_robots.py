@@ -1,4 +1,4 @@
-"""Simulated robots with acceleration limits, which move from one node to the next without stopping."""
+"""Simulated robots with acceleration limits, which do not stop between the pieces (nodes) of their planned motion."""
 
 from __future__ import annotations
 

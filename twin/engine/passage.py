@@ -1,4 +1,4 @@
-"""Motion of one robot through consecutive nodes within acceleration limits, without stops in between.
+"""Motion of one robot through consecutive nodes (pieces of its path) within acceleration limits, without stops.
 
 The speed at the end of each node depends on how many later nodes are released by then.
 """

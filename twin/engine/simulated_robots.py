@@ -1,4 +1,4 @@
-"""Simulated robots that start and end every node at rest."""
+"""Simulated robots that start and end every piece (node) of their planned motion at rest."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 By default, each node of the exported plan graph is a task, with an edge between two tasks if there is an edge between
 any of their nodes. This graph can have cycles, because a robot may wait in the middle of a task. With ``--nodes``,
-every node of the plan is exported, and there are no cycles. The task graph has only the dependencies between
+every node of the plan is exported, and there are no cycles. The task graph has the order and the dependencies of
 tasks, without motion conflicts. It also has a node for each place at which an object is at rest or held.
 """
 

@@ -1,4 +1,4 @@
-"""Copies of scenario files in which fitted duration distributions replace the previous durations."""
+"""Creation of scenario files in which fitted duration distributions replace the previous durations."""
 
 from __future__ import annotations
 
