@@ -1,6 +1,6 @@
-"""Repetition of a plan for few products to make many, by copies of its nodes, tasks and objects.
+"""Repetition of the plan of a few products, to make many products, by copies of its nodes, tasks and objects.
 
-The repeated plan is called a pattern.
+A ``Pattern`` specifies how the plan is repeated.
 """
 
 from __future__ import annotations

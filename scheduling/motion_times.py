@@ -1,6 +1,6 @@
-"""Times of nodes within the robots' limits of speed, acceleration and jerk.
+"""Durations of motions within the robots' limits of speed, acceleration and jerk.
 
-Node times are computed without waits. The simulation engines add waits, with the same functions of
+Durations are computed without waits. The simulation engines add waits, with the same functions of
 ``planning.timing.stretch``.
 """
 

@@ -1,7 +1,8 @@
-"""Speed limits of robots along their nodes with their current payload.
+"""Speed and acceleration limits of robots along their paths with their current payload.
 
-The speed limit of a stretch is the least one of its points, and its acceleration is within the effort limits of
-the joints along all of it. The path of a skill has given times, so a skill is slowed down as a whole.
+A straight piece of a path has the lowest speed limit of its points, and an acceleration within the effort
+limits of the joints along all of it. A skill, such as a pick, has a given timing along its path, so it is
+slowed down by one factor.
 """
 
 from __future__ import annotations

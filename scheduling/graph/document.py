@@ -1,4 +1,4 @@
-"""Mapping between a temporal plan graph and the content of plan.json and plan.npz."""
+"""Conversion of a temporal plan graph to the content of plan.json and plan.npz, and back."""
 
 from __future__ import annotations
 

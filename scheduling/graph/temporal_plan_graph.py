@@ -1,4 +1,4 @@
-"""The multi-modal temporal plan graph (TPG) as data (APEX-MR IV-C).
+"""Data structure of the multi-modal temporal plan graph (TPG; APEX-MR, section IV-C).
 
 A node is a piece of motion of one robot: from the last waypoint of the node before it, through
 its own waypoints, to the last of them. Pose nodes have one waypoint, skill nodes their whole

@@ -1,7 +1,8 @@
 """Rating of task plans by the makespan of their temporal plan graphs.
 
-The integer program adds up distances; it does not model waits between robots. A plan is rated by its own
-motions, the best order of its tasks that a beam search finds, and transits smoothed past HOME.
+The integer program of the task assignment adds up distances and does not model waits between robots. To rate a plan,
+its motions are planned, the best task order is found by a beam search, and transits are shortened so that they need
+not pass through the home configuration. The rating is the resulting makespan.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""Transit spans that may be shortened, and candidate paths to replace them (APEX-MR IV-C).
+"""Spans of transits that may be shortened, and candidate paths that may replace them (APEX-MR, section IV-C).
 
-A span consists of consecutive transits, so HOME between them can be skipped. It ends at a skill, where the
-robot's load changes, at an explicit goal, and where a robot waits for a task of another one, or another one
-waits for its task: a shortcut must neither skip such a point nor let another robot pass it too early.
+A span consists of consecutive transits, so a shortcut can skip the home configuration between them. It ends at a
+skill, where the load of the robot changes, at an explicit goal, and at a task that waits for another robot or for
+which another robot waits. A shortcut must not skip such a point.
 
-During the shortcut search, a shorter path has as many nodes as the path that it replaces. At the end, nodes
-on one straight line are merged where no wait changes: a node without successors on other robots and the next
-one without predecessors there. Under any delays a robot that waits for one waits for both, and the merged
-node sweeps the same volume.
+During the shortcut search, a new path has as many nodes as the path that it replaces. At the end, adjacent
+nodes on one straight line are merged if no wait changes: the first has no successors on other robots, and the
+second has no predecessors there. The merged node has the same swept volume.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Rounding of transit corners where it is free and saves time, so that robots need not stop there.
+"""Rounding of transit corners, so that robots need not stop there.
 
-The swept volume of a bend is checked like that of a shortcut: first against static obstacles, then against
-all other nodes, which determines their order. The corners to round, and how much, are chosen for the least time
-within the robot's limits; the makespan never grows.
+A corner is rounded where this is free of collisions and saves time. The swept volume of the curve is checked
+first against static obstacles, then against all other nodes, which determines their order. The corners and the
+amount of rounding are chosen for the shortest time within the limits of the robot. The makespan never increases.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Pieces of the chains of a graph, cut at the ends of the transit spans that may be shortened."""
+"""Division of the nodes of each robot into pieces, for reuse of their swept volumes and conflicts.
+
+The nodes are divided at the ends of all sequences of transits that may be shortened.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ _LONGEST = 128
 
 
 class GraphPieces:
-    """All chains of a graph, cut so that every transit span that may be shortened consists of whole pieces.
+    """All chains of a graph, divided such that every transit span that may be shortened consists of whole pieces.
 
     Args:
         tpg: the graph.

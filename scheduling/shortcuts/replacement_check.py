@@ -1,8 +1,9 @@
-"""Conflicts of replacement nodes with other robots' nodes, and the edges they require.
+"""Conflicts of replacement nodes with nodes of other robots, and the edges that these conflicts require.
 
-New nodes are checked against all nodes of other robots that are not yet ordered with all of them. Of two
-conflicting nodes, the one earlier in the total order goes first; a new node has the place of the one that it
-replaces. ``stand_check`` checks standing robots, and ``static_scene`` static obstacles.
+A replacement node is a new piece of motion in place of an existing node. It is checked against all nodes of other
+robots whose order with it is not yet fixed. Of two conflicting nodes, the one earlier in the total order goes first.
+A new node takes the position of the node that it replaces. ``stand_check`` checks robots at rest, and
+``static_scene`` checks static obstacles.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Edges and chains after a replacement of nodes (APEX-MR IV-C, extended to N robots).
+"""Edges and node chains of a graph after some nodes of one robot are replaced.
 
-In-edges of the replaced nodes are moved to the last new node, and out-edges of all but the last one to the node
-before the first. If u preceded w by u -> a_p ... a_q -> w through replaced nodes (p <= q), the moved edges no
-longer imply this order, so u -> w is added.
+The method is that of APEX-MR, section IV-C, extended to N robots. Incoming edges of the replaced nodes are moved
+to the last new node. Outgoing edges of all replaced nodes but the last are moved to the node before the first. If
+u preceded w along a path u -> a_p ... a_q -> w through replaced nodes a_p to a_q, the moved edges no longer imply
+this order, so the edge u -> w is added.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""State of the shortcut search: the transits to shorten, and the effect of a candidate on the graph."""
+"""State of the shortcut search: transits that may be shortened, and the change of the graph by a candidate path."""
 
 from __future__ import annotations
 

@@ -1,11 +1,12 @@
-"""Shortcutting of a temporal plan graph (APEX-MR IV-C): an anytime search with random candidates from a seed.
+"""Shortcutting of a temporal plan graph (APEX-MR, section IV-C): an anytime search with seeded random candidates.
 
-A candidate joins two points of consecutive transits: by smoothing among static obstacles, by a straight line,
-over a corner, or with a single joint straightened. It is accepted if it is free, if it can be ordered
-with all other nodes, and if the makespan does not grow. Only transits on a critical path are shortened: on
-others a robot would only wait longer. Each span is first smoothed as a whole, then in parts. The search ends
-when candidates hardly shorten the makespan any more, or after a number of them, so that the same seed gives
-the same plan; or, on request, after a time limit, as in the paper. Sidesteps may follow.
+A candidate joins two points of consecutive transits: by path smoothing among static obstacles, by a straight
+line, by two lines with one corner, or by straightening the motion of a single joint. It is accepted if it is free
+of collisions, if it can be ordered with all other nodes, and if the makespan does not increase. Only transits on
+a critical path are shortened, because on other transits a robot would only wait longer. Each span of transits is
+first smoothed as a whole, then in parts. The search ends when candidates hardly reduce the makespan any more, or
+after a fixed number of them, so the same seed gives the same plan. It can also end after a time limit, as in the
+paper. Optionally, sidesteps follow: paths around a corner that avoid a wait.
 """
 
 from __future__ import annotations

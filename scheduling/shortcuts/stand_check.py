@@ -1,7 +1,7 @@
-"""Clearance of replacement nodes and standing robots.
+"""Collision checks between replacement nodes and robots at rest.
 
-New nodes are checked against robots that stand at the same time and the objects that they hold, and other
-robots against the standstills before new nodes.
+New nodes are checked against robots that are at rest at the same time, including the objects that they hold.
+Other robots are checked against the positions in which the robot waits before its new nodes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scheduling.shortcuts.rewiring import Swap
 def are_standing_robots_clear(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: Occupant
 ) -> bool:
-    """Tell whether new nodes and standing robots are clear of each other, in the new graph.
+    """Tell whether new nodes and robots at rest keep their clearance from each other, in the new graph.
 
     New nodes may now be executed during a standstill of another robot, or meet an object handed to it
     then, and another robot's nodes may be executed during the standstills before and between the new

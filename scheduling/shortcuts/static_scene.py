@@ -1,4 +1,4 @@
-"""Static obstacles around nodes to be replaced, and paths through them."""
+"""Static obstacles around nodes that are to be replaced, and collision-free paths among them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ these: without a bound their memory would grow with the square of the objects.""
 
 
 class SmoothedPathCache:
-    """Cache of smoothed paths and of free ones, for plans of one cell with the same speeds.
+    """Cache of smoothed paths and of collision-free paths, for plans of one cell with the same speeds.
 
     Args:
         seed: of the smoothing. A path is smoothed identically in the same scene.

@@ -1,6 +1,6 @@
-"""Robots of a plan, piece by piece: poses of their parts, swept volumes, and deviation bounds.
+"""Geometry of the robots of a plan, piece by piece: poses of their bodies, swept volumes, and deviation bounds.
 
-A *piece* is a straight joint-space motion of a node, or a standstill of a robot between two nodes.
+A *piece* is a straight joint-space motion within a node, or a robot at rest between two nodes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Encounters in a plan: a part of a robot near one of another robot, or near an object or fixture at rest.
+"""Encounters in a plan: two bodies that may come close to each other.
 
-A *piece* is a short motion of a robot, or its standstill between two nodes, see ``bodies``. An encounter lists
-the pairs of pieces that may be simultaneous and in which the two parts come close. The proofs of ``verify``
-and ``survived_errors`` measure distances in these pairs only.
+One belongs to a robot or its load. The other belongs to another robot, or to an object or fixture at rest. A
+*piece* is a short motion of a robot, or its standstill between two nodes. An encounter lists the pairs of pieces
+that may be simultaneous and in which the two bodies come close. ``verify`` and ``survived_errors`` measure
+distances in these pairs only.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Audit of a run: replay of the execution with all distances measured.
+"""Audit of a run: replay of the execution and measurement of all distances.
 
-The audit takes only the list of allowed contacts from the plan. Robots are read from their URDF files, boxes
-from their sizes, and motion from the tables that the run wrote. Of the cell, names, files, sizes and start
-poses are used, but no hulls, capsules or kinematics.
+The audit takes only the list of allowed contacts from the plan. Robots are read from their URDF files, and
+motion is read from the tables that the run wrote. From the cell, the audit uses names, files, sizes and start
+poses, but no precomputed hulls, capsules or kinematics.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Check of the contacts in an execution against the allowed contacts of its tasks."""
+"""Audit rule: bodies may touch only where a task of the plan allows contact."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ AllowedDepths = Callable[[ClosePair], Array]
 
 
 class _Checked(NamedTuple):
-    """A stretch to check, the number of its first sample, and the allowed depths in it."""
+    """An interval of a run to check, the number of its first sample, and the allowed depths in it."""
 
     stretch: RunStretch
     first: int

@@ -11,8 +11,8 @@ from twin.audits.case import Violation
 from twin.audits.limit_readings import BEYOND, TICKS, LimitReadings
 from twin.audits.motion.executed import RobotRows
 
-_HEARD_S, _WINDOWS_S = 0.01, (0.1, 0.2, 0.4, 0.8)
-"""Time error of measurements, and time windows over which their speeds are checked [s]."""
+_TIME_ERROR_S, _WINDOWS_S = 0.01, (0.1, 0.2, 0.4, 0.8)
+"""Time error of measured joint positions, and time windows over which their mean speeds are checked [s]."""
 
 
 def joint_violations(
@@ -20,7 +20,7 @@ def joint_violations(
     limits: Mapping[str, JointLimits],
     measured: Collection[str] = (),
 ) -> Iterator[Violation]:
-    """Yield violations of joint position and speed limits.
+    """Yield violations of joint position limits and joint speed limits.
 
     Between two rows a robot moves along a straight line in joint space, so rows settle both. When a robot
     was where it was measured is known to some milliseconds only, which makes its speed over a few of them
@@ -41,7 +41,7 @@ def joint_violations(
         first, ticks = np.arange(len(rows.t) - 1), TICKS
         spans = [(first, first + 1)]
         if robot in measured:
-            ticks = 2.0 * _HEARD_S
+            ticks = 2.0 * _TIME_ERROR_S
             for window_s in _WINDOWS_S:
                 last = np.searchsorted(rows.t, rows.t[first] + window_s)
                 there = last < len(rows.t)

@@ -1,4 +1,4 @@
-"""Audit of object places at the start, at each transfer and at the end of a run.
+"""Audit of object locations at the start, at each transfer and at the end of a run.
 
 Tools must be in their rack or mounted on their robot.
 """

@@ -1,4 +1,4 @@
-"""Base class of all sections of a scenario file: strict fields, names, and descriptions of keys in the schema."""
+"""Base class of all sections of a scenario file: strict fields, names, and key descriptions in the JSON schema."""
 
 from __future__ import annotations
 

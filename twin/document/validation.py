@@ -1,4 +1,4 @@
-"""Validation of documents by pydantic, with its errors translated for authors of files."""
+"""Validation of input files with pydantic, with error messages for the authors of these files."""
 
 from __future__ import annotations
 

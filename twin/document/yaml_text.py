@@ -1,8 +1,8 @@
 """Strict YAML reader: one document, no repeated keys, numbers of YAML 1.2, and the position of every value.
 
-PyYAML follows YAML 1.1, where ``on`` is true, ``1e3`` is text and ``1:30`` is ninety. It also accepts repeated keys and
-keeps the last value. To avoid such mistakes in scenarios, this module reads the document as nodes, which have a line
-and column, and constructs the values itself.
+PyYAML follows YAML 1.1, where ``on`` is true, ``1e3`` is text and ``1:30`` is ninety. It also accepts repeated keys
+and keeps the last value. Such values in a scenario would be silent mistakes. So this module uses PyYAML only to
+parse the document to nodes, which have a line and column, and constructs the values itself.
 """
 
 from __future__ import annotations

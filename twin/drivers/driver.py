@@ -1,7 +1,7 @@
-"""Interface between the dispatcher and the driver of a robot, which executes released nodes and reports its progress.
+"""Interface between the dispatcher and a robot driver, which executes released nodes and reports its progress.
 
-A driver executes the nodes of its robot in order and stops at the end of the last released one, even if the dispatcher
-fails. A released node is never withdrawn.
+A node is a piece of the planned motion of one robot. A driver executes the nodes of its robot in order and stops at the
+end of the last released one, even if the dispatcher fails. A released node is never withdrawn.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The drivers file, which names the driver of each robot and the network address at which drivers connect."""
+"""Configuration file of robot drivers: the driver of each robot, and the network address to which drivers connect."""
 
 from __future__ import annotations
 

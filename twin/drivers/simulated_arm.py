@@ -1,4 +1,4 @@
-"""Driver of a simulated arm, which follows its nodes in real time without hardware."""
+"""Driver of a simulated arm, which follows its planned motion in real time without hardware."""
 
 from __future__ import annotations
 

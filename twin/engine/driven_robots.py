@@ -1,4 +1,4 @@
-"""Simulated robots with acceleration limits, which pass from one node to the next without stopping."""
+"""Simulated robots with acceleration limits, which do not stop between the pieces (nodes) of their planned motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _AFTER_MESSAGES = EventPriority(8)
 
 
 class DrivenRobots(RobotPort):
-    """Robots that pass borders of nodes at speed.
+    """Robots that move from node to node without stopping.
 
     At each border a robot enters the next node as fast as it can while still able to stop at the end of
     the last cleared node. Execution is ``lag`` behind the command, so a node is reported complete that

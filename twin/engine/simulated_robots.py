@@ -1,4 +1,4 @@
-"""Simulated robots that start and end every node at rest."""
+"""Simulated robots that start and end every piece (node) of their planned motion at rest."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MotionTime = Callable[[int, int, int, int], int]
 
 
 class SimulatedRobots(RobotPort):
-    """Robots that execute each node from rest to rest, in its drawn duration.
+    """Robots that execute each node from rest to rest, in a randomly drawn duration.
 
     Args:
         execution: the run.

@@ -1,4 +1,4 @@
-"""``twin.explore``: search for the best design of a cell."""
+"""The function ``twin.explore``: search for the best design of a robot cell."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Worker processes that evaluate cell designs. If one crashes or times out, only its own design is lost.
+"""Worker processes that evaluate cell designs. A crash or timeout affects only one design.
 
-On a cluster, each evaluation runs in a separate process beside the Dask worker, so a crash does not stop the worker.
+On a cluster, each evaluation runs in a process separate from the Dask worker, so a crash does not stop the worker.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Creation of a scenario file from a design found by an exploration."""
+"""Creation of a scenario file from a cell design that an exploration found."""
 
 from __future__ import annotations
 

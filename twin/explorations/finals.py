@@ -1,8 +1,7 @@
-"""Comparison of the best designs, and the gain of each change, by new replications with common random numbers.
+"""Final comparison of the best designs, and the gain of each change, with common random numbers.
 
-A design that was selected for its results in the search looks better in these replications than it is (selection
-bias). Therefore the comparison uses later replications, which the search did not use. Designs are compared replication
-by replication.
+Designs that were selected for their results in the search look better in its replications than they are (selection
+bias). Therefore the comparison uses new replications. Designs are compared replication by replication.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Scenario section of explorations: the design variables, the goals and the constraints of a cell."""
+"""Scenario section of a design exploration: design variables, goals and constraints."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
 """Division of a run into motion segments of single robots, for export to robot controllers.
 
 Within a segment, a robot waits for others only before the first node, and others wait only for its last node. If each
-segment starts after all its predecessors, the temporal plan graph is satisfied for any delays.
+segment starts after all its predecessors, all edges of the temporal plan graph are satisfied for any delays.
 
 For robots with acceleration limits, points of the executed motion are sampled at a given rate, with speeds and
 accelerations. A standstill has only a first and a last point. For other robots, points have nominal times, and the
-controller chooses the velocities. If such points are closer in time than one period of the rate, the following points
-are delayed. Thus all points are at least one period apart, unless the whole segment is shorter.
+controller chooses the velocities. Points that are closer in time than one period of the rate are delayed, so all points
+are at least one period apart, unless the whole segment is shorter.
 """
 
 from __future__ import annotations

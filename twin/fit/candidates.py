@@ -1,4 +1,4 @@
-"""Candidate distributions for one sample of durations: fitting, goodness-of-fit test and ranking."""
+"""Candidate distributions for a sample of durations: fit, goodness-of-fit test and ranking."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output about a run in progress, as JSON, as sentences, or as a live terminal display."""
+"""Output of ``twin follow`` about a run in progress, as JSON, as sentences, or as a live terminal display."""
 
 from __future__ import annotations
 

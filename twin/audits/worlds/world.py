@@ -1,4 +1,4 @@
-"""A copy of the cell in which the audit poses collision shapes and measures their distances."""
+"""A copy of the cell, in which the audit places collision shapes and measures their distances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots for drawing: kinematic chains of links with their triangle meshes.
+"""Robot models for visualization: links, joints and triangle meshes.
 
 Each robot of a team has its own colour.
 """

@@ -1,4 +1,4 @@
-"""Encoding of the exported ROS 2 messages."""
+"""Encoding of the exported ROS 2 messages to bytes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NOTHING = np.empty((0, 3))
 
 @dataclass(frozen=True, eq=False)
 class FramePose:
-    """Pose of a frame in another one.
+    """Pose of a frame in its parent frame.
 
     Attributes:
         parent, child: their names.
