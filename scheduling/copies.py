@@ -1,4 +1,4 @@
-"""Repetition of the plan of a few products, to make many products, by copies of its nodes, tasks and objects.
+"""Plan for many products, made from the plan of a few products by copying its nodes, tasks and objects.
 
 A ``Pattern`` specifies how the plan is repeated.
 """

@@ -2,7 +2,7 @@
 
 A straight piece of a path has the lowest speed limit of its points, and an acceleration within the effort
 limits of the joints along all of it. A skill, such as a pick, has a given timing along its path, so it is
-slowed down by one factor.
+slowed down by one common factor.
 """
 
 from __future__ import annotations

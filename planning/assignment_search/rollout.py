@@ -1,7 +1,7 @@
 """Prediction of the makespan of an assignment by a simulation of robots that work in parallel.
 
 Operations are dispatched in the order of their earliest possible starts. An operation waits for the operations that
-it depends on. It is divided into pieces of motion. A piece also waits until operations of other robots that were
+it depends on. It is divided into pieces of motion. A piece also waits until the robots of operations that were
 dispatched before have left the volume that it sweeps.
 """
 

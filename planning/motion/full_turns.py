@@ -2,8 +2,8 @@
 
 For example, a wrist reaches the same pose at -170 and at +190 degrees. One of these values is slightly nearer to
 HOME. But the robot may continue to its next pose without returning to HOME; the wrong value then costs a full turn.
-Therefore each excursion from HOME to HOME is shifted by full turns: among the shifts that add little travel from
-HOME, the one nearest to the end of the previous excursion is chosen.
+Therefore each excursion from HOME to HOME is shifted by full turns: of the shifts that add little travel from HOME,
+the one is chosen whose first configuration is nearest to the last configuration of the previous excursion.
 """
 
 from __future__ import annotations

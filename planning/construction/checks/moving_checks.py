@@ -1,8 +1,9 @@
 """Collision checks against moving robots, in compiled code.
 
-Time is divided into cells of equal length. In each cell, the volume that the motion sweeps must be clear of the
-volumes that all other robots sweep in the same cell. Otherwise the cell is bisected, up to a fixed depth. Motions are
-clear in whole cells, so they can become nodes of a temporal plan graph (see ``export_motion_plan``).
+Time is divided into intervals of equal length, the time cells. In each of them, the volume that the motion sweeps must
+be clear of the volumes that all other robots sweep in the same time cell. Otherwise the time cell is bisected, up to a
+fixed depth. Two motions of the same time cell are then clear of each other at any delay within it, so they can become
+nodes of a temporal plan graph (see ``export_motion_plan``).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Rules of an assembly sequence: allowed insertion methods, remedies and required loads."""
+"""Rules of an assembly sequence: allowed insertion methods, temporary supports, and loads to bear."""
 
 from __future__ import annotations
 
