@@ -2,7 +2,7 @@
 
 A machine is modelled as a robot, because its tasks take time and wait for other tasks. It has no bodies. The parts
 that it delivers, processes or removes are objects at rest, and fixtures of the scenario represent its frame. While it
-works, its door is an object, too.
+works, its closed door is an object, so that no robot can reach in.
 """
 
 from __future__ import annotations

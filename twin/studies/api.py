@@ -1,6 +1,6 @@
 """Function ``twin.study``: many replications of a plan under uncertainty, with statistics.
 
-Function ``twin.compare`` is a study with one plan and one replication per seed, under every policy.
+``twin.compare`` (in compare.py) is a study with one plan and one replication per seed, under every policy.
 """
 
 from __future__ import annotations

@@ -3,9 +3,11 @@
 Walls and tubes of the upper brick hold a knob of the lower brick. A brick that is at least two studs wide touches the
 knob at three points. A brick one stud wide has bars instead of tubes, and touches it at four points. The pressing
 force at a point is unlimited; the pulling force is limited by friction, and the sideways force is limited, too.
-Neighbours in a layer push each other. The score of a structure is the greatest ratio of friction to its capacity T:
+Neighbours in a layer push each other. The score s of a structure is the greatest ratio of friction to its capacity T.
+It follows from a linear program over the contact forces f, where A f = -w is the equilibrium of forces and torques
+under the weights w, and S is the limit of sideways forces:
 
-    minimise s  subject to  A f = -w,  f_knob >= -s T,  |f_sideways| <= S,  f_side >= 0
+    minimise s  subject to  A f = -w,  f_knob >= -s T,  |f_sideways| <= S,  f_neighbour >= 0
 
 A structure with score 0 is stable without friction. With a score up to 1 it is stable; with a greater one it
 collapses. Lengths are in studs, in the frame of the plate, whose origin is its corner. Only lengths of tools are in
