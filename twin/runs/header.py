@@ -1,4 +1,4 @@
-"""Entry ``run`` of a manifest: data needed to conclude or resume a run."""
+"""Entry ``run`` of a manifest: data needed to finish or resume a run."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from twin.runs.policies import IN_TURNS
 
 @dataclass(frozen=True)
 class RunHeader:
-    """Entry ``run`` of a manifest: data needed to conclude or resume a run.
+    """Entry ``run`` of a manifest: data needed to finish or resume a run.
 
     Attributes:
-        recording: whether ``run.rrd`` is wanted.
+        recording: whether to write ``run.rrd``.
         audit: whether to audit the run; a name selects the collision engine.
         planning_s: wall-clock seconds of the planning stages.
         makespan_sequential_s: makespan of the plan in turns, one robot at a time and machines meanwhile [s].
@@ -25,7 +25,7 @@ class RunHeader:
         checks_off: checks that the scenario switches off, with ``key`` and ``check``.
         fits: how parts fit where they are put, step by step.
         idle: by robot that gets no task: why, and how many steps it can serve.
-        load_bound_s: lower bound of the makespan over all assignments, where known [s].
+        makespan_bound_s: lower bound of the makespan over all assignments, where known [s].
         makespan_asynchronous_s: makespan of the sequential plan, released asynchronously, where the
             plan has an improved task order and shortcuts [s].
         operated: whether the run replans after failures.
@@ -44,7 +44,7 @@ class RunHeader:
     checks_off: Sequence[Mapping[str, str]] = ()
     fits: Sequence[Mapping[str, Any]] = ()
     idle: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    load_bound_s: float | None = None
+    makespan_bound_s: float | None = None
     makespan_asynchronous_s: float | None = None
     operated: bool = False
     answered: bool = False
