@@ -235,6 +235,10 @@ def _operation_rows(
     causes = "; ".join(version["cause"] for version in versions[:3])
     more = f"; {len(versions) - 3} more" if len(versions) > 3 else ""
     rows = [("replanned", f"{len(versions)} times", causes + more)]
+    if window := operation.get("window"):
+        size = f"{window['steps']} steps"
+        when = f"the next ones when {window['least']} or fewer are not begun"
+        rows.append(("planned at a time", size, f"{when}; execution.window"))
     if scrapped := operation.get("scrapped"):
         which = ", ".join(map(str, scrapped[:10])) + (", ..." if scrapped[10:] else "")
         rows.append(("products scrapped", str(len(scrapped)), which))

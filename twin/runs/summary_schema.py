@@ -111,8 +111,14 @@ class _Version(TypedDict):
     cause: str
 
 
+class _StepWindow(TypedDict):
+    steps: int
+    least: int
+
+
 class _Operation(TypedDict):
     versions: list[_Version]
+    window: NotRequired[_StepWindow]
     scrapped: NotRequired[list[int]]
     given_up: NotRequired[dict[str, str]]
     dropped: NotRequired[dict[str, str]]

@@ -39,7 +39,7 @@ def run_header(
     # Of a plan of first steps, later ones may be for it.
     windowed = (
         execution.get("operated")
-        and plan.scenario.sections.execution.window is not None
+        and plan.scenario.sections.execution.step_window is not None
     )
     warnings = (
         HOOKS.load("plan warnings")(plan.scenario, plan.tpg)

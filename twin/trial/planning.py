@@ -128,7 +128,7 @@ def plan_scenario(
     if not isinstance(case, LoadedScenario):
         case = LoadedScenario(case, folder)
     sections = case.sections
-    whole, window = keep or start is not None, sections.execution.window
+    whole, window = keep or start is not None, sections.execution.step_window
     if motions is None:
         first = None
         if keep and window is not None:
