@@ -23,8 +23,6 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.untyped_passes import InlineClosureLikes, MakeFunctionToJitFunction
 
-from planning.compilation import shorten_compilation
-
 _log = logging.getLogger(__name__)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -280,7 +278,6 @@ class _NoCollection(event.Listener):
             gc.enable()
 
 
-shorten_compilation()
 event.register("numba:compile", _NoCollection())
 
 
