@@ -106,6 +106,8 @@ class Mesh:
         centre: of its mass, where it is equally dense throughout, shape (3,) [m].
         missed: how far a point of its surface is outside of all pieces at most [m].
         source: file that it comes from, for messages.
+        simplified: how far a vertex is from the simplified copy that the pieces were cut from at
+            most; they contain the mesh all the same [m].
     """
 
     vertices: Array
@@ -115,6 +117,7 @@ class Mesh:
     centre: Array
     missed: float = 0.0
     source: str = "mesh"
+    simplified: float = 0.0
 
 
 def _polyhedron_sides(radius: float) -> int:
