@@ -1,8 +1,8 @@
-"""Convex decomposition that contains a mesh: hulls of convex bodies, prisms of plates, coacd for the rest.
+"""Convex decomposition of a mesh: hulls of convex bodies, prisms of plates, and coacd for all other bodies.
 
-Every closed body of a mesh is cut on its own. What is cut is compared with the mesh at points of
-its surface: those left out are added to the nearest piece, so that the pieces contain them. Of bodies with
-very many triangles a simplified copy is cut, and the pieces are extended to contain each triangle.
+Every closed body of a mesh is decomposed separately. The pieces must contain the mesh: points on its surface are
+tested, and a point outside of all pieces is added to the nearest piece. A body with very many triangles is simplified
+before it is decomposed, and the pieces are extended until each triangle of the body is in one of them.
 """
 
 from __future__ import annotations
@@ -26,51 +26,51 @@ from planning.meshes.simplified_surface import simplify_surface
 from planning.transforms import Array, Indices
 
 _MOST_PIECES = 256
-"""Pieces of a mesh: what has more cannot be planned with."""
+"""Greatest number of pieces of a mesh that the planner can handle."""
 
 _MOST_BODIES = 2000
-"""Bodies of a mesh that do not hang together."""
+"""Greatest number of disconnected bodies of a mesh."""
 
 _MOST_CORNERS = 96
 """Greatest number of corners of a hull; finer ones are enclosed by a coarser one."""
 
 _MOST_CUT = 5000
-"""Triangles of a non-convex body, of which more are simplified before it is cut."""
+"""Greatest number of triangles of a non-convex body that is decomposed without simplification."""
 
 _COPY = (2000, _MOST_CUT)
-"""Triangles of its copy: the second where the first is off by much."""
+"""Numbers of triangles of a simplified body; the second one is used if the first one is too inaccurate."""
 
 _OFF = 0.25
-"""What is much, and how far corners of pieces may be off, as a share of the hollows that may be filled."""
+"""Greatest error of a simplified body or a simplified piece, as a share of the greatest depth of a filled hollow."""
 
 _QUICKER = {"mcts_iterations": 20, "mcts_max_depth": 2, "resolution": 1000}
-"""Settings of the search in a copy."""
+"""Settings of coacd for a simplified body."""
 
 _COARSER = 3.0
-"""A search that fills hollows deeper by this tells whether there would be too many pieces."""
+"""Factor on the depth of filled hollows in the quick decomposition that estimates the number of pieces."""
 
 _GROWTH = 4
-"""Pieces there are, at least, of each that it finds."""
+"""Estimated number of pieces for each piece of the quick decomposition."""
 
 _BLOCK = 20_000
-"""Triangles or points that are compared with a piece at once."""
+"""Number of triangles or points that are compared with a piece at once, which limits the memory."""
 
 _SAMPLES = 4000
 """Points spread over the surface, and as many of its vertices, that pieces are compared with."""
 
 _ROUNDING = 1e-5
-"""A point that stands out of a piece by no more is inside [m]."""
+"""A point counts as inside of a piece if it is outside by no more than this [m]."""
 
 _SAME = 1e-6
-"""A body whose volume is that of its hull to within this share is convex."""
+"""A body counts as convex if its volume and that of its hull differ by no more than this share."""
 
 
 class TooManyPiecesError(ShapeError):
     """A mesh needs more convex pieces than the planner can handle.
 
     Attributes:
-        count: convex pieces that it falls into.
-        most: pieces that can be planned with.
+        count: number of convex pieces of the mesh.
+        most: greatest number of pieces that the planner can handle.
     """
 
     def __init__(self, message: str, *, count: int, most: int) -> None:
@@ -84,10 +84,10 @@ class Cut:
 
     Attributes:
         hulls: corners of the convex pieces, each of shape (c, 3) [m].
-        volume: that the mesh encloses; of the pieces, where it is not closed [m^3].
-        centre: of its mass, shape (3,) [m].
-        missed: how far a point of its surface is outside of all pieces at most [m].
-        simplified: how far a vertex is from the copy of the mesh that was cut at most [m].
+        volume: enclosed by the mesh, or that of the pieces if the mesh is not closed [m^3].
+        centre: centre of mass, shape (3,) [m].
+        missed: greatest distance of a point of the mesh's surface from all pieces [m].
+        simplified: greatest distance of a vertex from the simplified mesh that was decomposed, 0 if none was [m].
     """
 
     hulls: tuple[Array, ...]
@@ -104,11 +104,11 @@ def cut_convex(
 
     Args:
         triangles: the mesh.
-        within: how deep a hollow may be that a piece fills [m].
-        most: pieces of a body that is no plate: its hollows may be filled as well as not.
+        within: greatest depth of a hollow that a piece may fill [m].
+        most: greatest number of pieces of a non-prismatic body.
 
     Raises:
-        ShapeError: there would be too many.
+        ShapeError: there would be too many pieces.
     """
     bodies = _bodies(triangles)
     if len(bodies) > _MOST_BODIES:
@@ -134,7 +134,8 @@ def cut_convex(
 def _bodies(triangles: MeshTriangles) -> list[tuple[Array, Indices]]:
     """Return the connected components of a mesh, each with vertices and faces of its own.
 
-    MeshTriangles hang together along an edge that no third one has: bodies that touch stay two.
+    Triangles are connected by an edge that exactly two triangles share, so two bodies that touch at an edge stay
+    separate.
     """
     vertices, faces = triangles.vertices, triangles.faces
     edges, face = _edges(faces)
@@ -174,7 +175,7 @@ def _require_few(count: int, most: int, within: float) -> None:
 def _pieces(
     vertices: Array, faces: Indices, within: float, most: int
 ) -> tuple[list[Array], float]:
-    """Return the convex pieces of one body, see ``cut_convex``, and the error of its copy [m]."""
+    """Return the convex pieces of one body, see ``cut_convex``, and the error of its simplification [m]."""
     import trimesh
 
     hull = _hull(vertices)
@@ -217,25 +218,25 @@ def _search(
 def _pieces_of_copy(
     vertices: Array, faces: Indices, within: float, most: int
 ) -> tuple[list[Array], float]:
-    """Return pieces of a body by its simplified copy, extended to contain it, and the copy's error."""
+    """Return the pieces of a simplified body, extended to contain the body, and the error of the simplification."""
     body = vertices.tobytes(), faces.tobytes()
     if most < _MOST_PIECES:
         coarse, _ = _search_copy(*body, round(_COARSER * within, 9))
         _require_few(_GROWTH * len(coarse), most, within)
     found, error = _search_copy(*body, round(within, 9))
     _require_few(len(found), most, within)
-    # With its vertices first, little more than the seams of pieces is left out.
+    # Once all vertices are included, only triangles across the seams between pieces are outside.
     pieces = _around(list(found), vertices[:, None], within)
     pieces = [_simpler(piece, _OFF * within) for piece in pieces]
     return _around(pieces, vertices[faces], _OFF * within), error
 
 
-# What tells whether a fine search is worth its time is the coarse one that comes next.
+# If there are too many pieces, the caller repeats the quick decomposition as its next choice.
 @lru_cache(maxsize=4)
 def _search_copy(
     vertices: bytes, faces: bytes, within: float
 ) -> tuple[tuple[Array, ...], float]:
-    """Return the pieces of the simplified copy of a body, and its error [m]."""
+    """Return the pieces of a simplified body, and the error of the simplification [m]."""
     body = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64)
     for count in _COPY:
         copy = simplify_surface(body[0], body[1].reshape(-1, 3), count)
@@ -246,12 +247,12 @@ def _search_copy(
 
 
 def _around(hulls: list[Array], corners: Array, step: float) -> list[Array]:
-    """Return pieces extended so that they contain a surface: each triangle is in one of them.
+    """Return pieces extended such that each triangle of a surface is in one of them.
 
     Args:
         hulls: corners of the pieces, each of shape (c, 3) [m].
         corners: of the triangles, shape (f, 3, 3), or single points, shape (f, 1, 3) [m].
-        step: larger triangles that are in no piece are divided [m].
+        step: a triangle in no piece is halved while an edge is longer than this, then added to the nearest piece [m].
     """
     while len(corners):
         planes = [ConvexHull(hull).equations for hull in hulls]
@@ -277,7 +278,7 @@ def _around(hulls: list[Array], corners: Array, step: float) -> list[Array]:
 
 
 def _halved(corners: Array) -> Array:
-    """Return each triangle as two, divided at the middle of its longest edge, shape (2 f, 3, 3)."""
+    """Return the halves of triangles, divided at the middle of the longest edge, shape (2 f, 3, 3)."""
     edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
     order = (edges.argmax(axis=1)[:, None] + np.arange(3)) % 3
     a, b, c = np.take_along_axis(corners, order[:, :, None], axis=1).swapaxes(0, 1)

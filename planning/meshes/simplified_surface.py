@@ -1,4 +1,4 @@
-"""Simplification of a surface by edge collapses, with the error that it makes."""
+"""Simplification of a triangle mesh by edge collapses, and the error that it causes."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ from planning.meshes.holes import undirected_edges
 from planning.transforms import Array, Indices
 
 _MIDDLE_WEIGHT = 1e-3
-"""Weight of the middle of an edge, relative to that of the planes around, for where its end goes."""
+"""Weight of the distance from the middle of an edge, relative to that of the distances from the planes."""
 
 _LEAST_COSINE = 0.2
-"""Cosine of the angle by which a collapse may turn a triangle at most."""
+"""Cosine of the greatest angle by which a collapse may turn a triangle."""
 
 _CHEAP_SHARE = 0.5
-"""Share of the edges, those with the least error, that are collapsed in one round."""
+"""Share of the edges, those with the least error, that may be collapsed in one round."""
 
 _MOST_ROUNDS = 400
+"""Greatest number of rounds of collapses."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimplifiedSurface:
-    """A surface with fewer triangles.
+    """A simplified triangle mesh.
 
     Attributes:
         vertices: shape (v, 3) [m].
         faces: shape (f, 3).
-        error: greatest distance of a vertex of the surface that it stands for from it [m].
+        error: greatest distance of a vertex of the original mesh from this one [m].
     """
 
     vertices: Array
@@ -40,16 +41,16 @@ class SimplifiedSurface:
 
 
 def simplify_surface(vertices: Array, faces: Indices, most: int) -> SimplifiedSurface:
-    """Return a surface with no more triangles than allowed, as far as its edges can be collapsed.
+    """Return a mesh of at most a number of triangles, or of more where no edge is left to collapse.
 
-    Edges are collapsed with the least quadric error (after Garland and Heckbert), many that are far enough
-    from each other in a round. None is collapsed that would join sheets or turn a triangle over,
-    so a closed surface stays closed.
+    The edges with the least quadric error are collapsed (Garland and Heckbert, SIGGRAPH 1997), in rounds of edges
+    that share no triangle. Edges whose collapse would change the topology or flip a triangle are kept, so a
+    closed mesh stays closed.
 
     Args:
-        vertices: of a surface, shape (v, 3) [m].
-        faces: its triangles, shape (f, 3).
-        most: triangles there should be.
+        vertices: of the mesh, shape (v, 3) [m].
+        faces: triangles of the mesh, shape (f, 3).
+        most: greatest number of triangles.
     """
     original, points = vertices, vertices.copy()
     quadrics = _quadrics(points, faces)
@@ -97,7 +98,7 @@ def _quadrics(points: Array, faces: Indices) -> Array:
 
 
 def _collapsed(points: Array, quadrics: Array, edges: Indices) -> tuple[Array, Array]:
-    """Return where the ends of edges would go, shape (e, 3) [m], and the error, shape (e,)."""
+    """Return the vertices that edges would be collapsed to, shape (e, 3) [m], and their errors, shape (e,)."""
     both = quadrics[edges[:, 0]] + quadrics[edges[:, 1]]
     middle = points[edges].mean(axis=1)
     matrix, offset = both[:, :3, :3], both[:, :3, 3]
@@ -108,12 +109,12 @@ def _collapsed(points: Array, quadrics: Array, edges: Indices) -> tuple[Array, A
     whole = np.column_stack([ends, np.ones(len(ends))])
     cost = np.einsum("ei,eij,ej->e", whole, both, whole)
     length = points[edges[:, 0]] - points[edges[:, 1]]
-    # Where all is flat, short edges go first.
+    # In flat regions, short edges are collapsed first.
     return ends, cost + 1e-6 * weight * np.einsum("ei,ei->e", length, length)
 
 
 def _far_apart(edges: Indices, cost: Array, count: int) -> Indices:
-    """Return edges that are cheaper than all that touch their triangles."""
+    """Return the indices of edges with a smaller error than all edges that touch their triangles."""
     order = np.argsort(cost, kind="stable")
     rank = np.empty(len(edges), dtype=np.int64)
     rank[order] = np.arange(len(edges))
@@ -128,7 +129,7 @@ def _far_apart(edges: Indices, cost: Array, count: int) -> Indices:
 
 
 def _keeps_sheets(edges: Indices, faces: Indices, count: int) -> npt.NDArray[np.bool_]:
-    """Tell which edges can be collapsed without joining sheets: two triangles are all between their ends."""
+    """Tell which edges can be collapsed without a change of topology: their ends have two common neighbours."""
     every = undirected_edges(faces)[0]
     ones = np.ones(2 * len(every))
     rows = np.concatenate([every, every[:, ::-1]])
@@ -140,11 +141,11 @@ def _keeps_sheets(edges: Indices, faces: Indices, count: int) -> npt.NDArray[np.
 def _keeps_sides(
     points: Array, faces: Indices, edges: Indices, ends: Array
 ) -> npt.NDArray[np.bool_]:
-    """Tell which edges can be collapsed without turning triangles over."""
+    """Tell which edges can be collapsed without flipping a triangle."""
     collapse = np.full(len(points), -1)
     collapse[edges] = np.arange(len(edges))[:, None]
     at = collapse[faces]
-    # Those that lose an edge vanish; no other has corners of two collapses.
+    # Triangles with both ends of an edge vanish; no other triangle has corners of two edges.
     touched = np.flatnonzero(np.count_nonzero(at >= 0, axis=1) == 1)
     at = at[touched]
     before = points[faces[touched]]
@@ -158,7 +159,7 @@ def _keeps_sides(
 
 
 def _error(original: Array, points: Array, faces: Indices) -> float:
-    """Return the greatest distance of vertices from a surface [m]."""
+    """Return the greatest distance of vertices from a mesh [m]."""
     surface = coal.BVHModelOBBRSS()
     surface.beginModel(len(faces), len(points))
     surface.addVertices(points)

@@ -26,7 +26,7 @@ _BUDGET = 500
 """Largest number of boxes of joint values in the proof for one pair of links."""
 
 _ROUNDING = 1e-5
-"""What balls say about hulls holds by no less: more than the tolerance of measured distances [m]."""
+"""Margin of decisions by balls: greater than the tolerance of measured distances of hulls [m]."""
 
 _UNDECIDED, _APART, _TOUCHING = range(3)
 
@@ -196,8 +196,8 @@ def _bisect(
 ) -> int:
     """Bisect boxes of joint values until two parts are proved apart, or found not to be.
 
-    Every box whose centre is not far enough from a contact has to be divided sooner or later, so the
-    order decides nothing. Balls decide most boxes; the distance of others is asked for.
+    Each box whose centre is too near to a contact has to be divided, so the result does not depend on the
+    order. Balls in and around the hulls decide most boxes; the distance of the hulls decides the others.
 
     Args:
         joints: those between the parts.
@@ -205,7 +205,7 @@ def _bisect(
         near, far: balls of the parts, shape (5,).
         boxes: stack of lower and upper joint values, shape (b, 2, n).
         counts: of boxes on the stack, and of those made so far, shape (2,).
-        measured: distance of the parts at the centre of the topmost box; NaN for not known [m].
+        measured: distance of the parts at the centre of the topmost box, NaN if not measured [m].
 
     Returns:
         _APART, _TOUCHING, or _UNDECIDED where the distance at the centre of the topmost box is

@@ -190,7 +190,7 @@ def check_meshes(subject: CheckContext) -> Findings:
             yield Finding(
                 at,
                 f"the mesh of {name} has {len(mesh.faces)} triangles: its convex pieces were cut from a simplified"
-                f" copy that is up to {format_millimetres(mesh.simplified)} off, and extended to contain all of it;"
+                f" copy, up to {format_millimetres(mesh.simplified)} off, and extended to contain the whole mesh;"
                 " for closer pieces, simplify it (MeshLab, Blender)",
                 code="simplified",
                 parts=(name,),
