@@ -129,7 +129,7 @@ class RunSummary(TypedDict):
     makespan_sequential_s: float
     makespan_asynchronous_s: NotRequired[float | None]
     lower_bound_s: float
-    load_bound_s: NotRequired[float | None]
+    makespan_bound_s: NotRequired[float | None]
     wait_s: dict[str, float]
     failure: NotRequired[str | None]
     raised_skills: NotRequired[int]

@@ -62,7 +62,7 @@ def run_header(
         idle={own.robot: own.content() for own in idle},
         plan=plan.name,
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
-        load_bound_s=plan.load_bound_s,
+        makespan_bound_s=plan.makespan_bound_s,
         # The sequential plan kept next to one in slots has no type-2 edges.
         makespan_asynchronous_s=None
         if plan.turns is None or plan.name != SHORTENED
