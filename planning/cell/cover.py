@@ -110,8 +110,8 @@ def _cover(corners: bytes, tolerance: float, most: int, thrift: float) -> Capsul
     chosen, least = (1, 1, 1), np.inf
     for grid in ((i, j, k) for i in sides for j in sides for k in sides):
         count = int(np.prod(grid))
-        if count > most:
-            continue
+        if count > most or tolerance * count**thrift >= least:
+            continue  # even a tight one would not pay
         segments = [_capsule(cell, normals, support) for cell in _cells(sketch, grid)]
         excess = _excess(segments, normals, support)
         score = max(excess, tolerance) * count**thrift + 1e-3 * excess

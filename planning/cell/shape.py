@@ -105,6 +105,8 @@ class Mesh:
         centre: of its mass, where it is equally dense throughout, shape (3,) [m].
         missed: how far a point of its surface is outside of all pieces at most [m].
         source: file that it comes from, for messages.
+        simplified: greatest distance of a vertex from the simplified mesh that the pieces were cut from, 0 if the
+            mesh was not simplified; the pieces contain the mesh in either case [m].
     """
 
     vertices: Array
@@ -114,6 +116,7 @@ class Mesh:
     centre: Array
     missed: float = 0.0
     source: str = "mesh"
+    simplified: float = 0.0
 
 
 def _polyhedron_sides(radius: float) -> int:

@@ -1,12 +1,14 @@
 """Convex decomposition of a mesh: hulls of convex bodies, prisms of plates, and coacd for all other bodies.
 
 Every closed body of a mesh is decomposed separately. The pieces must contain the mesh: points on its surface are
-tested, and a point outside of all pieces is added to the nearest piece.
+tested, and a point outside of all pieces is added to the nearest piece. A body with very many triangles is simplified
+before it is decomposed, and the pieces are extended until each triangle of the body is in one of them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from planning.errors import ShapeError
 from planning.meshes.holes import closed_surface
 from planning.meshes.mesh_file import MeshTriangles
 from planning.meshes.prisms import prism_pieces
+from planning.meshes.simplified_surface import simplify_surface
 from planning.transforms import Array, Indices
 
 _MOST_PIECES = 256
@@ -31,8 +34,26 @@ _MOST_BODIES = 2000
 _MOST_CORNERS = 96
 """Greatest number of corners of a hull; finer ones are enclosed by a coarser one."""
 
-_MOST_CUT = 100_000
-"""Greatest number of triangles of a non-convex body, which takes a minute."""
+_MOST_CUT = 5000
+"""Greatest number of triangles of a non-convex body that is decomposed without simplification."""
+
+_COPY = (2000, _MOST_CUT)
+"""Numbers of triangles of a simplified body; the second one is used if the first one is too inaccurate."""
+
+_OFF = 0.25
+"""Greatest error of a simplified body or a simplified piece, as a share of the greatest depth of a filled hollow."""
+
+_QUICKER = {"mcts_iterations": 20, "mcts_max_depth": 2, "resolution": 1000}
+"""Settings of coacd for a simplified body."""
+
+_COARSER = 3.0
+"""Factor on the depth of filled hollows in the quick decomposition that estimates the number of pieces."""
+
+_GROWTH = 4
+"""Estimated number of pieces for each piece of the quick decomposition."""
+
+_BLOCK = 20_000
+"""Number of triangles or points that are compared with a piece at once, which limits the memory."""
 
 _SAMPLES = 4000
 """Points spread over the surface, and as many of its vertices, that pieces are compared with."""
@@ -66,12 +87,14 @@ class Cut:
         volume: enclosed by the mesh, or that of the pieces if the mesh is not closed [m^3].
         centre: centre of mass, shape (3,) [m].
         missed: greatest distance of a point of the mesh's surface from all pieces [m].
+        simplified: greatest distance of a vertex from the simplified mesh that was decomposed, 0 if none was [m].
     """
 
     hulls: tuple[Array, ...]
     volume: float
     centre: Array
     missed: float
+    simplified: float = 0.0
 
 
 def cut_convex(
@@ -94,16 +117,18 @@ def cut_convex(
             " leave out what nothing can touch, or describe the shape by a compound"
         )
     hulls: list[Array] = []
+    simplified = 0.0
     for vertices, faces in bodies:
-        found = _pieces(vertices, faces, within, most)
-        hulls += [_simpler(hull, 0.25 * within) for hull in found]
+        found, error = _pieces(vertices, faces, within, most)
+        hulls += [_simpler(hull, _OFF * within) for hull in found]
+        simplified = max(simplified, error)
     hulls = _without_inner(hulls)
     _require_few(len(hulls), _MOST_PIECES, within)
     points = _surface_points(triangles)
     hulls = _including(hulls, points)
     missed = float(np.min([_outside(hull, points) for hull in hulls], axis=0).max())
     volume, centre = _mass(bodies, hulls)
-    return Cut(tuple(hulls), volume, centre, max(0.0, missed))
+    return Cut(tuple(hulls), volume, centre, max(0.0, missed), simplified)
 
 
 def _bodies(triangles: MeshTriangles) -> list[tuple[Array, Indices]]:
@@ -147,27 +172,36 @@ def _require_few(count: int, most: int, within: float) -> None:
         )
 
 
-def _pieces(vertices: Array, faces: Indices, within: float, most: int) -> list[Array]:
-    """Return the convex pieces of one body, see ``cut_convex``."""
+def _pieces(
+    vertices: Array, faces: Indices, within: float, most: int
+) -> tuple[list[Array], float]:
+    """Return the convex pieces of one body, see ``cut_convex``, and the error of its simplification [m]."""
     import trimesh
 
     hull = _hull(vertices)
     if hull is None:
-        return [_thickened(vertices)]
+        return [_thickened(vertices)], 0.0
     if _fills(trimesh.Trimesh(vertices, faces, process=False), hull):
-        return [hull_vertices(vertices)]
+        return [hull_vertices(vertices)], 0.0
     closed = closed_surface(vertices, faces)
     prisms = prism_pieces(*closed, within, _MOST_PIECES)
     if prisms is not None:
-        return prisms
-    body: Any = trimesh.Trimesh(*closed, process=False)
+        return prisms, 0.0
     if len(faces) > _MOST_CUT:
-        raise ShapeError(
-            f"a body of it has {len(faces)} triangles and is not convex, and more than"
-            f" {_MOST_CUT} take too long to cut: simplify it (MeshLab, Blender)"
-        )
-    import coacd
+        return _pieces_of_copy(*closed, within, most)
+    found = _search(*closed, within, mcts_iterations=60)
+    _require_few(len(found), most, within)
+    return found, 0.0
 
+
+def _search(
+    vertices: Array, faces: Indices, within: float, **settings: int
+) -> list[Array]:
+    """Return the pieces of a body that coacd finds."""
+    import coacd
+    import trimesh
+
+    body: Any = trimesh.Trimesh(vertices, faces, process=False)
     coacd.set_log_level("error")
     # What is not closed is closed first, by a surface around it.
     found = coacd.run_coacd(
@@ -175,11 +209,82 @@ def _pieces(vertices: Array, faces: Indices, within: float, most: int) -> list[A
         threshold=within,
         real_metric=True,
         preprocess_mode="auto",
-        mcts_iterations=60,
         seed=1,
+        **settings,
     )
-    _require_few(len(found), most, within)
     return [hull_vertices(np.asarray(points)) for points, _ in found]
+
+
+def _pieces_of_copy(
+    vertices: Array, faces: Indices, within: float, most: int
+) -> tuple[list[Array], float]:
+    """Return the pieces of a simplified body, extended to contain the body, and the error of the simplification."""
+    body = vertices.tobytes(), faces.tobytes()
+    if most < _MOST_PIECES:
+        coarse, _ = _search_copy(*body, round(_COARSER * within, 9))
+        _require_few(_GROWTH * len(coarse), most, within)
+    found, error = _search_copy(*body, round(within, 9))
+    _require_few(len(found), most, within)
+    # Once all vertices are included, only triangles across the seams between pieces are outside.
+    pieces = _around(list(found), vertices[:, None], within)
+    pieces = [_simpler(piece, _OFF * within) for piece in pieces]
+    return _around(pieces, vertices[faces], _OFF * within), error
+
+
+# If there are too many pieces, the caller repeats the quick decomposition as its next choice.
+@lru_cache(maxsize=4)
+def _search_copy(
+    vertices: bytes, faces: bytes, within: float
+) -> tuple[tuple[Array, ...], float]:
+    """Return the pieces of a simplified body, and the error of the simplification [m]."""
+    body = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64)
+    for count in _COPY:
+        copy = simplify_surface(body[0], body[1].reshape(-1, 3), count)
+        if copy.error <= _OFF * within:
+            break
+    found = _search(copy.vertices, copy.faces, within, **_QUICKER)
+    return tuple(found), copy.error
+
+
+def _around(hulls: list[Array], corners: Array, step: float) -> list[Array]:
+    """Return pieces extended such that each triangle of a surface is in one of them.
+
+    Args:
+        hulls: corners of the pieces, each of shape (c, 3) [m].
+        corners: of the triangles, shape (f, 3, 3), or single points, shape (f, 1, 3) [m].
+        step: a triangle in no piece is halved while an edge is longer than this, then added to the nearest piece [m].
+    """
+    while len(corners):
+        planes = [ConvexHull(hull).equations for hull in hulls]
+        for hull, own in zip(hulls, planes, strict=True):
+            low, high = hull.min(axis=0) - _ROUNDING, hull.max(axis=0) + _ROUNDING
+            in_box = np.all((corners >= low) & (corners <= high), axis=(1, 2))
+            near = np.flatnonzero(in_box)
+            inside = _beyond(own, corners[near]).max(axis=1) <= _ROUNDING
+            corners = np.delete(corners, near[inside], axis=0)
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        large = edges.max(axis=1) > step
+        small = corners[~large]
+        beyond = np.array([_beyond(own, small).max(axis=1) for own in planes])
+        nearest = beyond.argmin(axis=0)
+        hulls = [
+            hull_vertices(np.vstack([hull, small[nearest == k].reshape(-1, 3)]))
+            for k, hull in enumerate(hulls)
+        ]
+        corners = corners[large]
+        if len(corners):
+            corners = _halved(corners)
+    return hulls
+
+
+def _halved(corners: Array) -> Array:
+    """Return the halves of triangles, divided at the middle of the longest edge, shape (2 f, 3, 3)."""
+    edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    order = (edges.argmax(axis=1)[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(corners, order[:, :, None], axis=1).swapaxes(0, 1)
+    middle = 0.5 * (a + b)
+    halves = (a, middle, c), (middle, b, c)
+    return np.concatenate([np.stack(half, axis=1) for half in halves])
 
 
 def _hull(points: Array) -> ConvexHull | None:
@@ -239,8 +344,15 @@ def _surface_points(triangles: MeshTriangles) -> Array:
 
 def _outside(hull: Array, points: Array) -> Array:
     """Return the distance of points beyond the farthest face plane of a hull, shape (p,) [m]."""
-    planes = ConvexHull(hull).equations
-    return np.asarray((points @ planes[:, :3].T + planes[:, 3]).max(axis=1))
+    return _beyond(ConvexHull(hull).equations, points)
+
+
+def _beyond(planes: Array, points: Array) -> Array:
+    """Return the distance of points, shape (..., 3), beyond the farthest of planes, shape (...) [m]."""
+    blocks = np.array_split(points, len(points) // _BLOCK + 1)
+    return np.concatenate(
+        [(some @ planes[:, :3].T + planes[:, 3]).max(axis=-1) for some in blocks]
+    )
 
 
 def _including(hulls: list[Array], points: Array) -> list[Array]:

@@ -9,6 +9,15 @@ from scipy.sparse.csgraph import connected_components
 from planning.transforms import Array, Indices
 
 
+def undirected_edges(faces: Indices) -> tuple[Indices, Indices]:
+    """Return each edge of faces once, the lower vertex first, shape (e, 2), and its number of faces."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges.sort(axis=1)
+    width = int(faces.max()) + 1
+    key, count = np.unique(edges @ np.array([width, 1]), return_counts=True)
+    return np.column_stack(np.divmod(key, width)), count
+
+
 def closed_surface(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     """Return a surface with its holes closed by triangles around their centres."""
     directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

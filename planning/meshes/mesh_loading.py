@@ -14,7 +14,13 @@ from planning.caches import Arrays, BoundedCache, load_or_compute
 from planning.cell import cover
 from planning.cell.shape import Mesh
 from planning.errors import ShapeError
-from planning.meshes import convex_pieces, holes, mesh_file, prisms
+from planning.meshes import (
+    convex_pieces,
+    holes,
+    mesh_file,
+    prisms,
+    simplified_surface,
+)
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import MeshTriangles, read_mesh_bytes, read_triangles
 from planning.transforms import read_only_copy
@@ -24,6 +30,7 @@ _SOURCES = (
     mesh_file.__file__,
     convex_pieces.__file__,
     prisms.__file__,
+    simplified_surface.__file__,
     holes.__file__,
     cover.__file__,
 )
@@ -100,6 +107,7 @@ def _load(
         read_only_copy(cut.centre),
         cut.missed,
         str(path),
+        cut.simplified,
     )
 
 
@@ -119,11 +127,11 @@ def _arrays(cut: Cut) -> Arrays:
         "counts": np.array([len(hull) for hull in cut.hulls]),
         "corners": np.vstack(cut.hulls),
         "centre": cut.centre,
-        "numbers": np.array([cut.volume, cut.missed]),
+        "numbers": np.array([cut.volume, cut.missed, cut.simplified]),
     }
 
 
 def _cut_of(arrays: Arrays) -> Cut:
     hulls = tuple(np.split(arrays["corners"], np.cumsum(arrays["counts"])[:-1]))
-    volume, missed = arrays["numbers"].tolist()
-    return Cut(hulls, volume, arrays["centre"], missed)
+    volume, missed, simplified = arrays["numbers"].tolist()
+    return Cut(hulls, volume, arrays["centre"], missed, simplified)

@@ -8,7 +8,7 @@ from types import FrameType
 
 import numpy as np
 import pytest
-from trimesh.creation import extrude_triangulation
+from trimesh.creation import torus
 
 import planning
 from planning import caches, errors, files, packed, transforms
@@ -17,7 +17,7 @@ from planning.cell import cover, shape
 from planning.cell.cover import capsule_cover, capsule_covers
 from planning.errors import ShapeError
 from planning.files import is_file, read_file, resolve_file_name
-from planning.meshes import mesh_loading
+from planning.meshes import convex_pieces, mesh_loading
 from planning.robots import self_collision
 from planning.robots.registry import robot_model
 from planning.robots.self_collision import never_colliding_pairs
@@ -249,12 +249,17 @@ PLUMBING = {
 """Code that hands answers on, and decides none."""
 
 
-def a_bracket(folder: Path) -> Callable[[], object]:
-    corners = [(0, 0), (0.1, 0), (0.1, 0.02), (0.02, 0.02), (0.02, 0.1), (0, 0.1)]
-    triangles = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
-    file = folder / "bracket.stl"
-    extrude_triangulation(corners, triangles, height=0.01).export(file)
-    return lambda: mesh_loading.load_mesh(file)
+def a_torus(folder: Path) -> Callable[[], object]:
+    file = folder / "torus.stl"
+    torus(0.1, 0.03, major_sections=24, minor_sections=12).export(file)
+
+    def load() -> object:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(convex_pieces, "_MOST_CUT", 500)  # it has 576 triangles
+            patch.setattr(convex_pieces, "_COPY", (300,))
+            return mesh_loading.load_mesh(file, within=0.02)
+
+    return load
 
 
 def a_hull(_: Path) -> Callable[[], object]:
@@ -272,7 +277,7 @@ def a_robot(_: Path) -> Callable[[], object]:
 @pytest.mark.parametrize(
     ("question", "sources"),
     [
-        (a_bracket, mesh_loading._SOURCES),
+        (a_torus, mesh_loading._SOURCES),
         (a_hull, [cover.__file__]),
         (a_robot, self_collision._SOURCES),
     ],

@@ -162,7 +162,7 @@ def _below(placed: Sequence[tuple[str, PlacedObject]], name: str) -> str:
 
 
 def check_meshes(subject: CheckContext) -> Findings:
-    """Yield meshes with holes, and those not covered by their convex pieces."""
+    """Yield meshes with holes, those not covered by their convex pieces, and simplified ones."""
     things = [(f.name, f.shape) for f in subject.cell.fixtures]
     things += [(o.name, o.shape) for o in subject.cell.objects]
     meshes = [
@@ -185,6 +185,16 @@ def check_meshes(subject: CheckContext) -> Findings:
                 code="covered",
                 parts=(name,),
                 figures=(mesh.missed,),
+            )
+        if mesh.simplified > 0.0:
+            yield Finding(
+                at,
+                f"the mesh of {name} has {len(mesh.faces)} triangles: its convex pieces were cut from a simplified"
+                f" copy, up to {format_millimetres(mesh.simplified)} off, and extended to contain the whole mesh;"
+                " for closer pieces, simplify it (MeshLab, Blender)",
+                code="simplified",
+                parts=(name,),
+                figures=(mesh.simplified,),
             )
         if missing > _OPEN:
             yield Finding(

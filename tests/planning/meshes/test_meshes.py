@@ -1,6 +1,8 @@
 """Meshes become convex pieces that contain them; what cannot be used is named with a remedy."""
 
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +17,12 @@ from trimesh.creation import annulus, box, icosphere
 from planning import caches
 from planning.cell.shape import Mesh
 from planning.errors import ShapeError
+from planning.meshes import convex_pieces
 from planning.meshes import mesh_loading as module
 from planning.meshes.convex_pieces import _outside
 from planning.meshes.mesh_loading import load_mesh
 from planning.meshes.prisms import prism_pieces
+from planning.meshes.simplified_surface import simplify_surface
 from planning.transforms import Array, Indices, from_rpy
 
 
@@ -132,6 +136,92 @@ def test_a_fine_ball_has_few_corners_around_it(tmp_path: Path) -> None:
     assert len(hull) < 200
     assert beyond(form, mesh.vertices) <= 1e-5
     assert np.linalg.norm(hull, axis=1).max() < 0.0225
+
+
+def test_a_simplified_torus_stays_closed_and_near() -> None:
+    mesh = trimesh.creation.torus(0.1, 0.03, major_sections=48, minor_sections=30)
+    vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
+    copy = simplify_surface(vertices, faces, 800)
+    found = trimesh.Trimesh(copy.vertices, copy.faces, process=False)
+    assert len(copy.faces) == 800
+    assert found.is_watertight
+    assert found.euler_number == 0
+    assert found.volume == pytest.approx(mesh.volume, rel=0.02)
+    assert 0.0 < copy.error < 1.5e-3
+    same = simplify_surface(vertices, faces, len(faces))
+    np.testing.assert_array_equal(same.faces, faces)
+    assert same.error < 1e-9
+
+
+def helical_gear(around: int, across: int) -> trimesh.Trimesh:
+    """Return a gear of helical teeth with a bore, of long thin triangles along its flanks."""
+    u = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)[:, None]
+    v = np.linspace(0.0, 2.0 * np.pi, across, endpoint=False)[None, :]
+    a, b = (np.sign(w) * np.abs(w) ** 0.3 for w in (np.cos(v), np.sin(v)))
+    z = 0.03 * b + 0.0 * u
+    tooth = 0.012 / (1.0 + np.exp(-12.0 * np.cos(18.0 * (u + 4.0 * z))))
+    radius = 0.06 + 0.03 * a + tooth * np.clip(a, 0.0, 1.0)
+    points = np.stack([radius * np.cos(u), radius * np.sin(u), z], axis=-1)
+    number = np.arange(around * across).reshape(around, across)
+    right, up = np.roll(number, -1, axis=0), np.roll(number, -1, axis=1)
+    both = np.roll(right, -1, axis=1)
+    faces = [(number, right, both), (number, both, up)]
+    made = [np.stack(corners, axis=-1).reshape(-1, 3) for corners in faces]
+    return trimesh.Trimesh(points.reshape(-1, 3), np.concatenate(made), process=False)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        pytest.param(
+            trimesh.creation.torus(0.1, 0.03, major_sections=48, minor_sections=30),
+            marks=pytest.mark.nightly,
+            id="torus",
+        ),
+        pytest.param(helical_gear(90, 17), id="gear"),
+    ],
+)
+def test_pieces_of_a_copy_contain_each_triangle(
+    mesh: trimesh.Trimesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(convex_pieces, "_MOST_CUT", 1000)
+    monkeypatch.setattr(convex_pieces, "_COPY", (400,))
+    form = load_mesh(written(mesh, tmp_path / "body.stl"), within=0.012)
+    assert 0.0 < form.simplified < 5e-3
+    assert len(form.faces) == len(mesh.faces)
+    assert form.missed <= 1e-5
+    points = trimesh.sample.sample_surface(mesh, 5000, seed=2)[0]
+    assert beyond(form, np.vstack([points, mesh.vertices])) <= 1.1e-5
+    # The hole stays open.
+    assert min(_outside(hull, np.zeros((1, 3))).min() for hull in form.hulls) > 0.0
+
+
+@pytest.mark.nightly
+def test_a_mesh_of_35000_triangles_is_cut_in_seconds(tmp_path: Path) -> None:
+    mesh = helical_gear(360, 49)
+    file = written(mesh, tmp_path / "gear.stl")
+    measure = (
+        "import resource, sys, time; from pathlib import Path\n"
+        "from planning.meshes.mesh_loading import load_mesh\n"
+        "begin = time.process_time(); form = load_mesh(Path(sys.argv[1]))\n"
+        "peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "print(len(form.faces), len(form.hulls), time.process_time() - begin, peak)"
+    )
+    for most in (20.0, 2.0):  # the second time, the pieces are read
+        ran = subprocess.run(
+            [sys.executable, "-c", measure, str(file)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        triangles, pieces, seconds, peak = map(float, ran.stdout.split())
+        assert triangles == 35_280
+        assert 18 <= pieces <= 256
+        assert seconds < most
+        assert peak < 1 << 20  # kB
+    form = load_mesh(file)
+    points = trimesh.sample.sample_surface(mesh, 50_000, seed=2)[0]
+    assert beyond(form, np.vstack([points, mesh.vertices])) <= 1.1e-5
 
 
 def stl(*triangles: npt.ArrayLike) -> bytes:
