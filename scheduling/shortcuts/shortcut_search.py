@@ -24,6 +24,7 @@ from scheduling.shortcuts.candidates import (
     new_nodes,
     remove_waypoints_on_lines,
 )
+from scheduling.shortcuts.edge_bound import EdgeBound
 from scheduling.shortcuts.graph_pieces import GraphPieces
 from scheduling.shortcuts.replacement_check import Rivals
 from scheduling.shortcuts.rewiring import (
@@ -260,17 +261,19 @@ class ShortcutSearch:
         if new is None:
             return False
         swap = Swap(index, first, last)
+        latest = self.makespan + (_LATER if sooner is None else -sooner)
+        bound = EdgeBound.of(graph, swap, new.duration, latest)
         occupant = occupant_of_nodes(graph, index, first, last + 1, new)
-        rivals = Rivals(graph, self._pieces, swap, occupant)
+        rivals = Rivals(graph, self._pieces, swap, occupant, bound)
         # Elsewhere in the order is worth a search for what may gain much.
         choice = rivals.choice and (self._smoothing or sooner is not None)
-        latest = self.makespan + (_LATER if sooner is None else -sooner)
         places = (IN_PLACE, LATE, EARLY) if choice else (IN_PLACE,)
-        if choice and self._late(rewire(graph, swap, new, rivals.outside), latest):
-            return False
         for place in places:
             ordered = reorder_nodes(graph, index, range(first, last + 1), place)
-            candidate = rewire(ordered, swap, new, rivals.edges(ordered))
+            edges = rivals.edges(ordered)
+            if edges is None:
+                continue
+            candidate = rewire(ordered, swap, new, edges)
             if self._late(candidate, latest):
                 continue
             if are_standing_robots_clear(candidate, self._pieces, swap, occupant):
