@@ -1,4 +1,4 @@
-"""Search for assignments that are predicted to end soon, started from that of the integer program."""
+"""Search for assignments with a short predicted makespan, starting from the result of the integer program."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
 
 MOST_CHOICES = 4000
-"""Greatest number of alternatives of all steps that are searched: they are expanded one by one."""
+"""Greatest number of alternatives of all steps for a search, since each is expanded to tasks."""
 
 _MOVES_PER_STEP, _MOST_STEPS_SEEN = 2000, 3_000_000
-"""Moves of a search, and the greatest number of them times the steps that each goes through."""
+"""Moves of a search per step, and the greatest product of the numbers of moves and steps."""
 
 _SEARCHES = 2
-"""Searches with different draws."""
+"""Number of searches with different seeds."""
 
 
 def search_assignments(
@@ -29,8 +29,8 @@ def search_assignments(
 ) -> list[TaskPlan]:
     """Return assignments that are predicted to end sooner than a plan, the most promising first.
 
-    There are none where robots change tools or keep holding what they placed, or where machines work:
-    predictions know neither.
+    The list is empty if robots change tools or keep holding what they placed, or if there are machines: the prediction
+    of the makespan does not model these.
 
     Args:
         cell: where it is built.

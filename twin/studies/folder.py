@@ -1,4 +1,4 @@
-"""Folder of a study: file names, the request of the study as a manifest, and tables of results."""
+"""Folder of a study: file names, a manifest with the request of the study, and tables of results."""
 
 from __future__ import annotations
 

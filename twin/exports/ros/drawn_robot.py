@@ -1,4 +1,4 @@
-"""Robots for drawing: kinematic chains of links with their triangle meshes.
+"""Robot models for visualization: links, joints and triangle meshes.
 
 Each robot of a team has its own colour.
 """
@@ -46,7 +46,7 @@ class DrawnBody:
 
     Attributes:
         link: name of the link.
-        corners: three rows a triangle, in the frame of the link, shape (3 k, 3) [m].
+        corners: three rows per triangle, in the frame of the link, shape (3 k, 3) [m].
         colour: red, green, blue and opacity, 0 to 1.
     """
 
