@@ -279,7 +279,8 @@ class ShortcutSearch:
             if self._ends_late(candidate, latest):
                 continue
             if are_standing_robots_clear(candidate, self._pieces, swap, occupant):
-                self._accept(candidate, which, swap)
+                self._pieces.replace_nodes(swap, occupant)
+                self._accept(candidate, which)
                 return True
         return False
 
@@ -288,8 +289,7 @@ class ShortcutSearch:
         """Tell whether a plan would exceed its allowed end [s]."""
         return candidate.rollout.makespan > latest
 
-    def _accept(self, candidate: DerivedTpg, which: int, swap: Swap) -> None:
+    def _accept(self, candidate: DerivedTpg, which: int) -> None:
         self.graph = candidate
-        self._pieces.replace_nodes(swap)
         self._excess[which] = self._span_excess(which)
         self._critical = self._find_critical()
