@@ -108,7 +108,9 @@ class _Bench:
         """
         options, file = self._options, OWN.get(name)
         if file is None:
-            file = self._imported(name.removeprefix(PUBLISHED))
+            file = import_published(
+                self._options.published, name.removeprefix(PUBLISHED), self._store
+            )
         scenario = load_scenario(file)
         if skills is REFERENCE:
             scenario = follow_references(scenario)
@@ -150,23 +152,6 @@ class _Bench:
             next(iter(rows.values()))["slots"],
         )
 
-    def _imported(self, task: str) -> Path:
-        """Return the scenario of a published task."""
-        root: Path = self._options.published
-        digest = sha256()
-        for path in sorted(p for p in root.rglob("*") if p.is_file()):
-            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
-        key = f"import-{task}-{digest.hexdigest()[:8]}"
-        file = KEPT / "scenarios" / f"{task}.yaml"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        found = self._store.load(key)
-        if found is None:
-            import_task(root, task=task, output=file)
-            self._store.save(key, {"scenario": file.read_text(encoding="utf-8")})
-        else:
-            file.write_text(found["scenario"], encoding="utf-8")
-        return file
-
     def _warm_up(self, progress: Report) -> None:
         """Load all kernels, before anything is measured."""
         if self._warm:
@@ -177,6 +162,29 @@ class _Bench:
             _Case(scenario, base, 100).measure(scenario.seed, report_nothing)
         progress("warm-up", len(WARM_UP), len(WARM_UP))
         self._warm = True
+
+
+def import_published(root: Path, task: str, store: RowStore) -> Path:
+    """Return the scenario file of a published task, imported where the store does not hold it.
+
+    Args:
+        root: folder of the published files.
+        task: name of the task.
+        store: where the scenario is kept.
+    """
+    digest = sha256()
+    for path in sorted(p for p in root.rglob("*") if p.is_file()):
+        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    key = f"import-{task}-{digest.hexdigest()[:8]}"
+    file = KEPT / "scenarios" / f"{task}.yaml"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    found = store.load(key)
+    if found is None:
+        import_task(root, task=task, output=file)
+        store.save(key, {"scenario": file.read_text(encoding="utf-8")})
+    else:
+        file.write_text(found["scenario"], encoding="utf-8")
+    return file
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -125,21 +124,18 @@ def cut_path(
         The end of each part, shape (k, n), and its duration, shape (k,) [s]; None if ``count`` parts
         are too few.
     """
-    legs = [
-        (a, b, seconds)
-        for a, b in pairwise(path)
-        if (seconds := speed.duration(a, b)) > 0.0
-    ]
-    lasts = np.array([seconds for *_, seconds in legs])
+    lasts = speed.durations(np.diff(path, axis=0))
+    moves = lasts > 0.0
+    begin, end, lasts = path[:-1][moves], path[1:][moves], lasts[moves]
     parts = np.maximum(1, np.ceil(lasts / step - 1e-9)).astype(np.int64)
     if count is not None:
         if len(parts) == 0 or parts.sum() > count:
             return None
         while (spare := count - int(parts.sum())) > 0:
             parts[np.argsort(-lasts / parts, kind="stable")[:spare]] += 1
-    ends = [
-        b if k == n else a + (b - a) * (k / n)
-        for (a, b, _), n in zip(legs, parts.tolist(), strict=True)
-        for k in range(1, n + 1)
-    ]
-    return np.array(ends).reshape(-1, path.shape[1]), np.repeat(lasts / parts, parts)
+    leg = np.repeat(np.arange(len(parts)), parts)
+    rank = np.arange(len(leg)) - np.repeat(np.cumsum(parts) - parts, parts) + 1
+    share = rank / parts[leg]
+    ends = begin[leg] + (end - begin)[leg] * share[:, None]
+    ends[np.cumsum(parts) - 1] = end
+    return ends, np.repeat(lasts / parts, parts)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -328,17 +328,17 @@ class OccupantConflicts:
 
     def search(
         self, graph: DerivedTpg, a: Occupant, b: Occupant, window: Window
-    ) -> Sequence[tuple[int, int]]:
+    ) -> Iterable[tuple[int, int]]:
         """Return conflicts (v, u) that imply all others, see ``search_conflicts``."""
 
-        def find() -> Sequence[tuple[int, int]]:
+        def find() -> Iterator[tuple[int, int]]:
             both = a.occupancy, b.occupancy
-            return list(search_conflicts(*both, *window, graph.table))
+            return search_conflicts(*both, *window, graph.table)
 
         if not self._kept:
             return find()
         key = self._query_key(graph, a, b, window)
-        return () if key is None else self._found.get(key, find)
+        return () if key is None else self._found.get(key, lambda: list(find()))
 
     def are_clear(
         self, graph: DerivedTpg, a: Occupant, b: Occupant, window: Window

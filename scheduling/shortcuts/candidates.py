@@ -154,16 +154,10 @@ def remove_waypoints_on_lines(path: Array) -> Array:
     """Return a polyline without the waypoints on the straight line between their neighbours."""
     distance = np.diff(path, axis=0)
     far = np.abs(distance).max(axis=1)
-    kept = [0]
-    along = None
-    for k, (step, size) in enumerate(zip(distance, far.tolist(), strict=True)):
-        if size == 0.0:
-            continue
-        direction = step / size
-        if along is not None and np.max(np.abs(direction - along)) > _STRAIGHT:
-            kept.append(k)
-        along = direction
-    return path[[*kept, len(path) - 1]]
+    moves = np.flatnonzero(far)
+    direction = distance[moves] / far[moves, None]
+    turns = np.abs(np.diff(direction, axis=0)).max(axis=1) > _STRAIGHT
+    return path[[0, *moves[1:][turns].tolist(), len(path) - 1]]
 
 
 def join_nodes(

@@ -166,7 +166,7 @@ class _Rounder:
             graph, swap.chain, swap.first, swap.last + 1, nodes
         )
         conflicts_of_new = ReplacementConflicts(graph, self._pieces, swap, occupant)
-        candidate = rewire(graph, swap, nodes, conflicts_of_new.edges(graph))
+        candidate = rewire(graph, swap, nodes, conflicts_of_new.edges(graph) or ())
         if not are_standing_robots_clear(candidate, self._pieces, swap, occupant):
             return float(found.times[0]), float(found.times[-1])
         self.graph = candidate

@@ -76,9 +76,16 @@ class GraphPieces:
                 self._built[chain][piece] = built
             yield at, built
 
-    def replace_nodes(self, swap: Swap) -> None:
-        """Drop the cached pieces around replaced nodes."""
+    def replace_nodes(self, swap: Swap, new: Occupant | None = None) -> None:
+        """Drop the cached pieces around replaced nodes.
+
+        Args:
+            swap: the nodes.
+            new: the new nodes as an occupant, which is kept where they are a whole piece.
+        """
         starts = self._starts[swap.chain]
         lo = int(np.searchsorted(starts, swap.first, side="right")) - 1
         hi = int(np.searchsorted(starts, swap.last, side="right"))
         self._built[swap.chain][lo:hi] = [None] * (hi - lo)
+        if starts[lo : hi + 1].tolist() == [swap.first, swap.last + 1]:
+            self._built[swap.chain][lo] = new

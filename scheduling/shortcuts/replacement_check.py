@@ -8,12 +8,19 @@ A new node takes the position of the node that it replaces. ``stand_check`` chec
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg, Occupant
+from scheduling.shortcuts.edge_bound import EdgeBound
 from scheduling.shortcuts.graph_pieces import GraphPieces
 from scheduling.shortcuts.rewiring import Edge, Swap
+
+
+class _ExcludedEdgeError(Exception):
+    """Ends a search at an edge that a bound excludes."""
 
 
 class ReplacementConflicts:
@@ -28,15 +35,22 @@ class ReplacementConflicts:
         pieces: occupancies of its chains.
         swap: the nodes that are to be replaced.
         new: the new nodes, numbered from 0.
+        bound: excludes edges; a search ends at the first of these. None to find all edges.
     """
 
     def __init__(
-        self, graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: Occupant
+        self,
+        graph: DerivedTpg,
+        pieces: GraphPieces,
+        swap: Swap,
+        new: Occupant,
+        bound: EdgeBound | None = None,
     ) -> None:
         self._graph, self._pieces, self._swap, self._new = graph, pieces, swap, new
+        self._bound = bound
         chain, first, last = swap.chain, swap.first, swap.last
         self._between: dict[int, tuple[int, int]] = {}
-        self.outside: list[Edge] = []
+        self._unordered: dict[int, tuple[int, int]] = {}
         ends = graph.ranks[chain][[first, last]]
         for other in range(len(graph.tpg.chains)):
             if other == chain:
@@ -46,43 +60,68 @@ class ReplacementConflicts:
             turns = np.searchsorted(graph.ranks[other], ends)
             low, high = np.clip(turns, done + 1, after).tolist()
             self._between[other] = low, high
-            ones = np.ones(swap.count, dtype=np.int64)
-            self.outside += self._edges_to_new_nodes(other, done + 1, low * ones)
-            self.outside += self._edges_from_new_nodes(other, high * ones, after)
+            self._unordered[other] = done + 1, after
 
     @property
     def choice(self) -> bool:
         """True if the position of the new nodes in the total order matters."""
         return any(low < high for low, high in self._between.values())
 
-    def edges(self, ordered: DerivedTpg) -> list[Edge]:
-        """Return the type-2 edges that the new nodes require.
+    def edges(self, ordered: DerivedTpg) -> list[Edge] | None:
+        """Return the type-2 edges that the new nodes require, None where one of them is excluded.
 
         Args:
             ordered: the graph, with the nodes to be replaced at the places of the new ones in the
                 total order.
         """
-        swap, found = self._swap, list(self.outside)
+        swap, found = self._swap, list[Edge]()
         own = ordered.ranks[swap.chain][swap.first : swap.last + 1]
-        for other, (low, high) in self._between.items():
-            if low < high:
-                # Number of the other robot's nodes before each new node.
-                turn = np.clip(np.searchsorted(ordered.ranks[other], own), low, high)
-                found += self._edges_to_new_nodes(other, low, turn)
-                found += self._edges_from_new_nodes(other, turn, high)
+        try:
+            for other, (low, high) in self._between.items():
+                if low < high:
+                    # Number of the other robot's nodes before each new node.
+                    turn = np.clip(
+                        np.searchsorted(ordered.ranks[other], own), low, high
+                    )
+                    found += self._edges_to_new_nodes(other, low, turn)
+                    found += self._edges_from_new_nodes(other, turn, high)
+            return [*self._outside, *found]
+        except _ExcludedEdgeError:
+            return None
+
+    @cached_property
+    def _outside(self) -> list[Edge]:
+        """The edges that are the same at any place of the new nodes in the total order."""
+        found, ones = list[Edge](), np.ones(self._swap.count, dtype=np.int64)
+        for other, (first, stop) in self._unordered.items():
+            low, high = self._between[other]
+            found += self._edges_to_new_nodes(other, first, low * ones)
+            found += self._edges_from_new_nodes(other, high * ones, stop)
         return found
+
+    def _allowed(self, edge: Edge) -> Edge:
+        """Return an edge.
+
+        Raises:
+            _ExcludedEdgeError: it is excluded.
+        """
+        if self._bound is not None and self._bound.excludes(edge):
+            raise _ExcludedEdgeError
+        return edge
 
     def _edges_to_new_nodes(self, other: int, first: int, turn: Indices) -> list[Edge]:
         """Return edges from nodes of another robot, from ``first`` on, to the new nodes, by rank."""
-        edges, chain, at_least = [], self._swap.chain, self._swap.first
+        found, chain, at_least = list[list[Edge]](), self._swap.chain, self._swap.first
         search = self._pieces.conflicts.search
         between = self._pieces.between(self._graph, other, first, int(turn[-1]))
-        for at, piece in between:
+        # The later a node of the other robot, the sooner its edges are excluded.
+        for at, piece in reversed(list(between)):
             floor = np.full(self._swap.count, first - 1 - at)
             limit = np.minimum(turn - at, piece.nodes)
-            for v, u in search(self._graph, self._new, piece, (floor, limit)):
-                edges.append((other, at + u, chain, at_least + v))
-        return edges
+            conflicts = search(self._graph, self._new, piece, (floor, limit))
+            edges = ((other, at + u, chain, at_least + v) for v, u in conflicts)
+            found.append([self._allowed(edge) for edge in edges])
+        return [edge for edges in reversed(found) for edge in edges]
 
     def _edges_from_new_nodes(self, other: int, turn: Indices, stop: int) -> list[Edge]:
         """Return edges from the new nodes to nodes of another robot up to ``stop``, by rank."""
@@ -94,5 +133,6 @@ class ReplacementConflicts:
             floor = np.where(inside, -1, swap.count)
             limit = np.where(inside, asked, swap.count)
             for w, x in search(self._graph, piece, self._new, (floor, limit)):
-                edges.append((swap.chain, swap.first + x, other, at + w))
+                edge = swap.chain, swap.first + x, other, at + w
+                edges.append(self._allowed(edge))
         return edges

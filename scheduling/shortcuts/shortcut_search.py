@@ -24,6 +24,7 @@ from scheduling.shortcuts.candidates import (
     new_nodes,
     remove_waypoints_on_lines,
 )
+from scheduling.shortcuts.edge_bound import EdgeBound
 from scheduling.shortcuts.graph_pieces import GraphPieces
 from scheduling.shortcuts.replacement_check import ReplacementConflicts
 from scheduling.shortcuts.rewiring import (
@@ -260,23 +261,26 @@ class ShortcutSearch:
         if new is None:
             return False
         swap = Swap(index, first, last)
+        latest = self.makespan + (_SAME_MAKESPAN if sooner is None else -sooner)
+        bound = EdgeBound.of(graph, swap, new.duration, latest)
         occupant = occupant_of_nodes(graph, index, first, last + 1, new)
-        conflicts_of_new = ReplacementConflicts(graph, self._pieces, swap, occupant)
+        conflicts_of_new = ReplacementConflicts(
+            graph, self._pieces, swap, occupant, bound
+        )
         # Other places in the order are tried only for candidates that may save much.
         choice = conflicts_of_new.choice and (self._smoothing or sooner is not None)
-        latest = self.makespan + (_SAME_MAKESPAN if sooner is None else -sooner)
         places = (IN_PLACE, LATE, EARLY) if choice else (IN_PLACE,)
-        if choice and self._ends_late(
-            rewire(graph, swap, new, conflicts_of_new.outside), latest
-        ):
-            return False
         for place in places:
             ordered = reorder_nodes(graph, index, range(first, last + 1), place)
-            candidate = rewire(ordered, swap, new, conflicts_of_new.edges(ordered))
+            edges = conflicts_of_new.edges(ordered)
+            if edges is None:
+                continue
+            candidate = rewire(ordered, swap, new, edges)
             if self._ends_late(candidate, latest):
                 continue
             if are_standing_robots_clear(candidate, self._pieces, swap, occupant):
-                self._accept(candidate, which, swap)
+                self._pieces.replace_nodes(swap, occupant)
+                self._accept(candidate, which)
                 return True
         return False
 
@@ -285,8 +289,7 @@ class ShortcutSearch:
         """Tell whether a plan would exceed its allowed end [s]."""
         return candidate.rollout.makespan > latest
 
-    def _accept(self, candidate: DerivedTpg, which: int, swap: Swap) -> None:
+    def _accept(self, candidate: DerivedTpg, which: int) -> None:
         self.graph = candidate
-        self._pieces.replace_nodes(swap)
         self._excess[which] = self._span_excess(which)
         self._critical = self._find_critical()

@@ -195,7 +195,8 @@ def shorten_plan(
         seed: of their draws.
         sidesteps: tried after them; where there are any, shortcuts are taken in the planned order
             of tasks, too, and the plan that ends sooner is kept.
-        seconds: for which shortcuts are tried, 0 for as long as they pay [s].
+        seconds: for which shortcuts are tried by the clock of ``watch``, 0 for as long as they
+            pay [s].
         keep_slots: leave the tasks in the slots of a synchronous plan, in their order.
     """
     with watch.stage("shortcut"):
@@ -214,6 +215,7 @@ def shorten_plan(
                 progress=watch.reporter(SHORTCUTS),
                 sidesteps=sidesteps,
                 seconds=seconds / len(orders),
+                clock=watch.clock,
             )
             for order in orders
         ]

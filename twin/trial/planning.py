@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -97,6 +98,7 @@ def plan_scenario(
     wanted: Collection[str] = (),
     candidates: int = 0,
     motions: PlannedMotions | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> PlanResult:
     """Plan a scenario from the cell to the temporal plan graph.
 
@@ -115,6 +117,8 @@ def plan_scenario(
             that the scenario says.
         candidates: shortcuts tried on each wanted plan.
         motions: result of ``plan_motions``, where it exists already.
+        clock: returns the time that stages and ``planning.shortcut_s`` are measured by, wall-clock
+            by default [s].
 
     Raises:
         RobotModelError: a robot description cannot be used.
@@ -124,7 +128,7 @@ def plan_scenario(
         RequestError: see PlanStart, and plan_motions for what is kept.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
-    case, watch = scenario, StageWatch(progress)
+    case, watch = scenario, StageWatch(progress, clock=clock)
     if not isinstance(case, LoadedScenario):
         case = LoadedScenario(case, folder)
     sections = case.sections
