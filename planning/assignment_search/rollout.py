@@ -21,6 +21,9 @@ from planning.transforms import Array, Indices
 
 _PENDING = -1.0
 
+_SAME = 1e-9
+"""Makespans that differ by less are the same: sums in different orders are [s]."""
+
 
 class RolloutState(NamedTuple):
     """State of a rollout.
@@ -31,7 +34,8 @@ class RolloutState(NamedTuple):
         done: when the operations of each step are complete, shape (steps, most) [s].
         done_kind: when the last operation of a kind is, shape (steps, kinds) [s].
         clock: of each robot, shape (r,) [s].
-        left_s: how long its operations that are not dispatched take, travels between steps left out, shape (r,) [s].
+        left_s: how long its operations that are not dispatched and all travels between them take at
+            least, up to HOME, shape (r,) [s].
         at: number of its configuration, shape (r,).
         held, held_step: volumes that robots have needed, with the step they are for, shape (r, h).
         held_until: until when, shape (r, h) [s].
@@ -81,7 +85,11 @@ def make_state(model: PredictionModel) -> RolloutState:
 
 
 def predict_makespan(
-    model: PredictionModel, chosen: Indices, *, conflicts: bool = True
+    model: PredictionModel,
+    chosen: Indices,
+    *,
+    conflicts: bool = True,
+    most: float = np.inf,
 ) -> float:
     """Return the predicted makespan of an assignment [s].
 
@@ -89,9 +97,10 @@ def predict_makespan(
         model: of the assembly.
         chosen: number of the choice of each step, shape (steps,).
         conflicts: whether robots wait where others are in their way.
+        most: makespan above which the prediction is infinity [s].
     """
-    state = make_state(model)
-    return float(roll_out(model.tables, model.volumes, state, chosen, conflicts))
+    tables, volumes, state = model.tables, model.volumes, make_state(model)
+    return float(roll_out(tables, volumes, state, chosen, conflicts, most))
 
 
 @kernel
@@ -101,9 +110,10 @@ def roll_out(
     state: RolloutState,
     chosen: Indices,
     conflicts: bool,
+    most: float,
 ) -> float:
     """Return the predicted makespan of an assignment [s]; see ``predict_makespan``."""
-    return run_rollout(tables, volumes, state, chosen, conflicts, np.inf)
+    return run_rollout(tables, volumes, state, chosen, conflicts, most)
 
 
 @inner_kernel
@@ -118,6 +128,10 @@ def run_rollout(
     """Return the predicted makespan of an assignment, infinity where it exceeds ``most`` [s]."""
     left = _begin(tables, state, chosen)
     queue, head, queued = state.queue, state.head, state.queued
+    most += _SAME
+    for r in range(len(queued)):
+        if state.left_s[r] > most:
+            return np.inf
     while left > 0:
         best, soonest = -1, np.inf
         for r in range(len(queued)):
@@ -134,9 +148,17 @@ def run_rollout(
             return np.inf
     makespan = 0.0
     for r in range(len(queued)):
-        first = tables.travel_first[r] + state.at[r] * tables.starts[r]
-        makespan = max(makespan, state.clock[r] + tables.travel[first])
+        makespan = max(makespan, state.clock[r] + _travel_s(tables, state, r, 0))
     return makespan
+
+
+@inner_kernel
+def _travel_s(
+    tables: PredictionTables, state: RolloutState, r: int, start: int
+) -> float:
+    """Return how long a robot takes straight to a start configuration, 0 for HOME [s]."""
+    row = tables.travel_first[r] + state.at[r] * tables.starts[r]
+    return float(tables.travel[row + start])
 
 
 @inner_kernel
@@ -157,8 +179,13 @@ def _begin(tables: PredictionTables, state: RolloutState, chosen: Indices) -> in
             state.queue[r, state.queued[r]] = k
             state.queue_step[r, state.queued[r]] = step
             state.queued[r] += 1
+            state.left_s[r] += _travel_s(tables, state, r, tables.start[k])
             state.left_s[r] += tables.seconds[k]
+            state.at[r] = tables.end[k]
             total += 1
+    for r in range(len(state.queued)):
+        state.left_s[r] += _travel_s(tables, state, r, 0)
+        state.at[r] = 0
     return total
 
 
@@ -168,10 +195,7 @@ def _earliest_start(
 ) -> float:
     """Return when an operation could start, -1 where what it depends on is not dispatched yet [s]."""
     step = state.queue_step[r, state.head[r]]
-    start = state.clock[r]
-    start += tables.travel[
-        tables.travel_first[r] + state.at[r] * tables.starts[r] + tables.start[k]
-    ]
+    start = state.clock[r] + _travel_s(tables, state, r, tables.start[k])
     gate = tables.gate[k]
     for a in range(tables.after_first[k], tables.after_first[k + 1]):
         before = state.done[step, tables.after[a]]
@@ -220,6 +244,7 @@ def _dispatch(
     else:
         now += tables.seconds[k]
     state.clock[r] = now
+    state.left_s[r] -= _travel_s(tables, state, r, tables.start[k])
     state.left_s[r] -= tables.seconds[k]
     state.at[r] = tables.end[k]
     state.head[r] += 1

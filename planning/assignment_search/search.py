@@ -1,4 +1,4 @@
-"""Search for assignments that are predicted to end soon, started from that of the integer program."""
+"""Search for an assignment that is predicted to end soon, started from that of the integer program."""
 
 from __future__ import annotations
 
@@ -13,23 +13,25 @@ from planning.cell.workcell import Workcell
 from planning.motion.sequential import MotionSettings
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
+from planning.tasks.found_assignment import FoundAssignment
 
 MOST_CHOICES = 4000
 """Greatest number of alternatives of all steps that are searched: they are expanded one by one."""
 
-_MOVES_PER_STEP, _MOST_STEPS_SEEN = 2000, 3_000_000
-"""Moves of a search, and the greatest number of them times the steps that each goes through."""
-
-_SEARCHES = 2
-"""Searches with different draws."""
+_MOVES_PER_STEP, _MOST_STEPS_SEEN = 1000, 1_500_000
+"""Moves by default, and the greatest number of them times the steps that each goes through."""
 
 
 def search_assignments(
-    cell: Workcell, work: Assembly, plan: TaskPlan, settings: MotionSettings
-) -> list[TaskPlan]:
-    """Return assignments that are predicted to end sooner than a plan, the most promising first.
+    cell: Workcell,
+    work: Assembly,
+    plan: TaskPlan,
+    settings: MotionSettings,
+    moves: int | None = None,
+) -> FoundAssignment | None:
+    """Return the assignment that is predicted to end first among those that are looked at.
 
-    There are none where robots change tools or keep holding what they placed, or where machines work:
+    There is no search where robots change tools or keep holding what they placed, or where machines work:
     predictions know neither.
 
     Args:
@@ -37,24 +39,22 @@ def search_assignments(
         work: what is built.
         plan: that of the integer program.
         settings: how tasks are turned into motions.
+        moves: assignments to look at; by default as many as the number of steps asks for.
     """
     problem = work.problem
     if problem.kept or problem.changes or cell.machines:
-        return []
+        return None
     choices = list(islice(step_choices(problem), MOST_CHOICES + 1))
     if len(choices) > MOST_CHOICES:
-        return []
+        return None
     number = {choice: k for k, choice in enumerate(choices)}
     if any(choice not in number for choice in plan.choices):
-        return []
+        return None
     model = build_model(cell, work, plan, choices, settings)
     start = np.array([number[choice] for choice in plan.choices])
     neighbours, steps = list_neighbours(model, problem), len(start)
-    moves = min(_MOVES_PER_STEP * steps, _MOST_STEPS_SEEN // steps)
-    planned, found = predict_makespan(model, start), dict[TaskPlan, float]()
-    for search in range(_SEARCHES):
-        seed = settings.seed + search
-        makespan, best = anneal(model, neighbours, start, moves, seed)
-        if makespan < planned:
-            found[TaskPlan(tuple(choices[k] for k in best))] = makespan
-    return sorted(found, key=found.__getitem__)
+    if moves is None:
+        moves = min(_MOVES_PER_STEP * steps, _MOST_STEPS_SEEN // steps)
+    makespan, best = anneal(model, neighbours, start, moves, settings.seed)
+    found = TaskPlan(tuple(choices[k] for k in best))
+    return FoundAssignment(found, predict_makespan(model, start), makespan, moves)

@@ -15,6 +15,7 @@ from planning.motion.full_turns import without_turns
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
 from planning.transforms import Array, Indices
+from scheduling.graph.plan_files import plan_sha256
 from scheduling.planned_motions import PlannedMotions
 from tests.twin.planning.facing_arms import FACING_ARMS
 from tests.twin.written import loaded
@@ -107,7 +108,25 @@ def test_prediction_without_conflicts_is_the_longest_path(
         plan = TaskPlan(tuple(model.choices[k] for k in chosen))
         predicted = predict_makespan(model, chosen, conflicts=False)
         assert predicted == pytest.approx(_longest_path(first, plan), abs=1e-9)
-        assert predict_makespan(model, chosen) >= predicted - 1e-9
+        whole = predict_makespan(model, chosen)
+        assert whole >= predicted - 1e-9
+        assert predict_makespan(model, chosen, most=whole) == whole
+        assert predict_makespan(model, chosen, most=whole - 1e-6) == np.inf
+
+
+def test_bounds_of_volumes_are_tight(model: PredictionModel) -> None:
+    volumes = model.volumes
+    first, ends, radius, box = (
+        volumes.first,
+        volumes.ends,
+        volumes.radius,
+        volumes.box,
+    )
+    for k in range(len(box)):
+        own = slice(first[k], first[k + 1])
+        thick = radius[own, None, None]
+        assert box[k, :3] == pytest.approx((ends[own] - thick).min(axis=(0, 1)))
+        assert box[k, 3:] == pytest.approx((ends[own] + thick).max(axis=(0, 1)))
 
 
 def test_search_finds_the_best_of_all_assignments(
@@ -134,8 +153,21 @@ def test_search_finds_the_best_of_all_assignments(
 
 
 def test_a_search_makes_no_plan_longer(tmp_path: Path) -> None:
-    text = SCENARIO + "planning: {shortcut_candidates: 0, assignment: %s}\n"
-    paper, search = (
-        plan_scenario(loaded(tmp_path, text % how)) for how in ("paper", "search")
-    )
-    assert search.makespan_s <= paper.makespan_s + 1e-6
+    text = SCENARIO + "planning: {shortcut_candidates: %d, assignment: %s}\n"
+    for candidates in 0, 30:
+        paper, search, again = (
+            plan_scenario(loaded(tmp_path, text % (candidates, how)))
+            for how in (
+                "paper",
+                "search, assignment_moves: 700",
+                "search, assignment_moves: 700",
+            )
+        )
+        assert search.makespan_s <= paper.makespan_s + 1e-6
+        assert paper.search is None
+        gain = search.search
+        assert gain is not None
+        assert gain.moves == 700
+        assert gain.predicted_s <= gain.predicted_start_s
+        assert gain == again.search
+        assert plan_sha256(search.tpg) == plan_sha256(again.tpg)
