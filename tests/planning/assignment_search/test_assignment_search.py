@@ -1,6 +1,8 @@
 """Predicted makespans against longest paths in Python, and the search against trying every assignment."""
 
 from collections import defaultdict
+from collections.abc import Iterator
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from planning.assignment_search.rollout import predict_makespan
 from planning.motion.full_turns import without_turns
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
+from planning.tasks.found_assignment import FoundAssignment
 from planning.transforms import Array, Indices
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.planned_motions import PlannedMotions
@@ -67,6 +70,19 @@ def _of_steps(model: PredictionModel) -> list[list[int]]:
 
 def _numbers(*chosen: int) -> Indices:
     return np.array(chosen, dtype=np.int64)
+
+
+def _valid(model: PredictionModel) -> Iterator[Indices]:
+    """Yield every assignment that uses each object once, and none before what lies on it."""
+    for chosen in product(*_of_steps(model)):
+        used: list[str] = []
+        for k in chosen:
+            choice = model.choices[k]
+            if choice.object in used or not choice.primary.after <= set(used):
+                break
+            used.append(choice.object)
+        else:
+            yield _numbers(*chosen)
 
 
 def _longest_path(first: PlannedMotions, plan: TaskPlan) -> float:
@@ -135,16 +151,7 @@ def test_search_finds_the_best_of_all_assignments(
     problem = _work(first).problem
     number = {choice: k for k, choice in enumerate(model.choices)}
     start = _numbers(*(number[choice] for choice in first.task_plan.choices))
-    least = np.inf
-    for chosen in product(*_of_steps(model)):
-        used: list[str] = []
-        for k in chosen:
-            choice = model.choices[k]
-            if choice.object in used or not choice.primary.after <= set(used):
-                break
-            used.append(choice.object)
-        else:
-            least = min(least, predict_makespan(model, _numbers(*chosen)))
+    least = min(predict_makespan(model, chosen) for chosen in _valid(model))
     neighbours = list_neighbours(model, problem)
     tries = [anneal(model, neighbours, start, 20_000, seed) for seed in range(5)]
     found, best = min(tries, key=lambda found: found[0])
@@ -153,21 +160,40 @@ def test_search_finds_the_best_of_all_assignments(
 
 
 def test_a_search_makes_no_plan_longer(tmp_path: Path) -> None:
-    text = SCENARIO + "planning: {shortcut_candidates: %d, assignment: %s}\n"
-    for candidates in 0, 30:
-        paper, search, again = (
-            plan_scenario(loaded(tmp_path, text % (candidates, how)))
-            for how in (
-                "paper",
-                "search, assignment_moves: 700",
-                "search, assignment_moves: 700",
-            )
-        )
-        assert search.makespan_s <= paper.makespan_s + 1e-6
-        assert paper.search is None
-        gain = search.search
-        assert gain is not None
-        assert gain.moves == 700
-        assert gain.predicted_s <= gain.predicted_start_s
-        assert gain == again.search
-        assert plan_sha256(search.tpg) == plan_sha256(again.tpg)
+    text = SCENARIO + "planning: {shortcut_candidates: 30, assignment: %s}\n"
+    paper, search, again = (
+        plan_scenario(loaded(tmp_path, text % how))
+        for how in ("paper", *2 * ["search, assignment_moves: 700"])
+    )
+    assert search.makespan_s <= paper.makespan_s + 1e-6
+    assert paper.search is None
+    gain = search.search
+    assert gain is not None
+    assert gain.moves == 700
+    assert gain.predicted_s <= gain.predicted_start_s
+    assert gain == again.search
+    assert plan_sha256(search.tpg) == plan_sha256(again.tpg)
+
+
+@pytest.mark.parametrize(("predicted_s", "rates"), [(50.0, True), (99.5, False)])
+def test_what_only_the_prediction_promises_is_not_taken(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    model: PredictionModel,
+    predicted_s: float,
+    rates: bool,
+) -> None:
+    longest = max(_valid(model), key=partial(predict_makespan, model))
+    slow = TaskPlan(tuple(model.choices[k] for k in longest))
+    found = FoundAssignment(slow, 100.0, predicted_s, 1)
+    module = "planning.assignment_search.search.search_assignments"
+    monkeypatch.setattr(module, lambda *_: found)
+    text = SCENARIO + "planning: {shortcut_candidates: 30, assignment: %s}\n"
+    paper, search = (
+        plan_scenario(loaded(tmp_path, text % how)) for how in ("paper", "search")
+    )
+    gain = search.search
+    assert gain is not None
+    assert not gain.taken
+    assert (gain.rated_s is not None) == rates
+    assert plan_sha256(search.tpg) == plan_sha256(paper.tpg)
