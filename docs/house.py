@@ -137,13 +137,18 @@ def lines_of(code: Iterable[str]) -> Counter[str]:
 
 
 def room_table(code: Mapping[str, ast.Module]) -> str:
-    """Return the table of docs/design.md: rooms, their lines, and what their docstrings say first."""
-    rows = ["| room | lines | what is in it |", "|---|---:|---|"]
-    for room, lines in sorted(lines_of(code).items()):
+    """Return the table of docs/design.md: rooms with modules, and the first sentences of their docstrings."""
+    rows = ["| room | what is in it |", "|---|---|"]
+    for room in sorted({room_of(name) for name in code if not _is_empty(code[name])}):
         said = ast.get_docstring(code[f"{room.replace('/', '.')}.__init__"]) or ""
         words = said.partition("\n\n")[0].replace("\n", " ").replace("``", "`")
-        rows.append(f"| `{room}/` | {lines:,} | {words.removesuffix('.')} |")
+        rows.append(f"| `{room}/` | {words.removesuffix('.')} |")
     return "\n".join(rows) + "\n"
+
+
+def _is_empty(module: ast.Module) -> bool:
+    """Return True for a module that is a docstring at most."""
+    return len(module.body) <= 1
 
 
 def without_circles(graph: nx.DiGraph[str]) -> nx.DiGraph[str]:

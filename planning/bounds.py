@@ -1,18 +1,18 @@
 """Bounds of quantities: valid ranges for scenario files and for readers of plans.
 
-Sections of the scenario, the planner and the readers of plans, logs and open plans share these
-values, so a plan of an accepted scenario is never refused as damaged. Quantities of a plan that are
-composed of several of the scenario have bounds of their own, which follow from those.
+Scenario sections, the planner and the readers of plans, logs and open plans share these values. The plan of a valid
+scenario is therefore never rejected as damaged. Some quantities of a plan are computed from several values of the
+scenario; their bounds are correspondingly larger.
 """
 
 FARTHEST = 1e4
-"""Greatest coordinate [m], and joint value [rad or m], of a scenario: what is beyond is a slip of the unit."""
+"""Greatest coordinate [m], and joint value [rad or m], of a scenario; larger values suggest a wrong unit."""
 
 FARTHEST_COMPOSED = 100 * FARTHEST
-"""Greatest coordinate, length and joint value of a plan: poses are products of several of a scenario."""
+"""Greatest coordinate, length and joint value of a plan, whose poses are composed of several scenario poses."""
 
 THINNEST_M = 1e-4
-"""Least edge of a body [m]: thinner ones are flat to collision libraries."""
+"""Least edge length of a body [m]; collision libraries treat thinner bodies as flat."""
 
 LARGEST_M = 1000
 """Greatest edge, radius and length of a body [m]."""

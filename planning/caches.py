@@ -1,4 +1,4 @@
-"""Caches of computed answers: in memory while the program runs, or in the user's cache folder."""
+"""Caches of computed results, in memory or in the user's cache folder."""
 
 from __future__ import annotations
 
@@ -20,41 +20,41 @@ from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replace_ato
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 LEAST_SECONDS_TO_CACHE = 0.1
-"""Answers computed in less time are not cached [s]."""
+"""Results computed in less time are not cached [s]."""
 
-Answer = TypeVar("Answer")
+Result = TypeVar("Result")
 
 
 def cache_folder(kind: str) -> Path:
-    """Return the folder of cached answers to one kind of question."""
+    """Return the folder of the cached results of one kind."""
     named = os.environ.get("XDG_CACHE_HOME")
     return Path(named or Path.home() / ".cache") / "assembly-twin" / kind
 
 
 def load_or_compute(
     kind: str,
-    question: bytes,
+    inputs: bytes,
     names: frozenset[str],
     find: Callable[[], Arrays],
     sources: Sequence[str],
 ) -> Arrays:
-    """Return the cached answer to a question, or compute and store it.
+    """Return the cached result for some inputs, or compute and store it.
 
-    A file that cannot be read, or that has other arrays, is one that is not there; where no file
-    can be written, answers are computed again every time.
+    A cache file that cannot be read, or that has other arrays, is ignored. If no file can be written, the result is
+    computed again every time.
 
     Args:
-        kind: of question: the name of a folder.
-        question: all that is given to what finds the answer.
-        names: of the arrays of an answer.
-        find: returns the answer.
-        sources: files with the code that decides the answer (``__file__`` of modules). What was
-            found by them as they were before is no answer.
+        kind: of result: the name of a folder.
+        inputs: all inputs of the computation, as bytes.
+        names: of the arrays of a result.
+        find: computes the result.
+        sources: files with the code that the result depends on (``__file__`` of modules). Results of other versions
+            of these files are not used.
     """
-    asked = sha256(question)
+    key = sha256(inputs)
     for source in sources:
-        asked.update(_hash_of(source))
-    file = cache_folder(kind) / f"{asked.hexdigest()}.npz"
+        key.update(_hash_of(source))
+    file = cache_folder(kind) / f"{key.hexdigest()}.npz"
     with suppress(*NPZ_ERRORS):
         known = read_npz(read_file(file), kinds="if", most=LARGEST)
         if known.keys() == names:
@@ -72,30 +72,30 @@ def _hash_of(source: str) -> bytes:
     return sha256(Path(source).read_bytes()).digest()
 
 
-def _write(file: Path, answer: Arrays) -> None:
-    arrays: dict[str, Any] = dict(answer)
+def _write(file: Path, result: Arrays) -> None:
+    arrays: dict[str, Any] = dict(result)
     with suppress(OSError, OutputError):
         file.parent.mkdir(parents=True, exist_ok=True)
         with replace_atomically(file) as part:
             np.savez_compressed(part, **arrays)
 
 
-class BoundedCache(Generic[Answer]):
+class BoundedCache(Generic[Result]):
     """In-memory cache by key, cleared when it is full.
 
     Args:
-        most: how many are kept.
+        most: greatest number of results that are kept.
     """
 
     def __init__(self, most: int) -> None:
         self._most = most
-        self._answers: dict[Hashable, Answer] = {}
+        self._results: dict[Hashable, Result] = {}
 
-    def get(self, question: Hashable, work_out: Callable[[], Answer]) -> Answer:
+    def get(self, key: Hashable, compute: Callable[[], Result]) -> Result:
         """Return the value of a key, computed if it is not cached."""
-        known = self._answers.get(question)
+        known = self._results.get(key)
         if known is None:
-            if len(self._answers) >= self._most:
-                self._answers.clear()
-            known = self._answers[question] = work_out()
+            if len(self._results) >= self._most:
+                self._results.clear()
+            known = self._results[key] = compute()
         return known

@@ -1,4 +1,4 @@
-"""Errors of the package, one subclass a cause."""
+"""Exceptions of the package: a base class, and one subclass for each cause."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class UndecidedError(TwinError):
     """A search reached its limit with neither an answer nor a proof that there is none.
 
     Attributes:
-        visited: number of partial structures that were looked at.
+        visited: number of partial structures that were examined.
     """
 
     def __init__(self, message: str, *, visited: int) -> None:

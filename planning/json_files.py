@@ -1,4 +1,4 @@
-"""Reading of JSON of bounded size."""
+"""Parser of JSON documents of bounded size."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 MOST_VALUES = 4_000_000
-"""Most values of a JSON document: they take some 100 bytes each in memory."""
+"""Greatest number of values in a JSON document; each takes some 100 bytes in memory."""
 
 _SURROGATE = re.compile(r"\\ud[89a-f]", re.IGNORECASE)
 
@@ -34,9 +34,9 @@ def parse_json(content: bytes | str, parse_float: Callable[[str], Any] = float) 
     try:
         found = json.loads(
             text,
-            object_pairs_hook=_with_keys_once,
+            object_pairs_hook=_with_unique_keys,
             parse_float=parse_float,
-            parse_constant=_no_number,
+            parse_constant=_refuse_constant,
         )
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
@@ -48,7 +48,7 @@ def parse_json(content: bytes | str, parse_float: Callable[[str], Any] = float) 
     return found
 
 
-def _with_keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _with_unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         names = Counter(name for name, _ in pairs)
@@ -57,5 +57,5 @@ def _with_keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _no_number(text: str) -> float:
+def _refuse_constant(text: str) -> float:
     raise ValueError(f"{text} is no number")

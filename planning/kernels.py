@@ -1,4 +1,4 @@
-"""Decorators of compiled functions, and progress reports of their compilation."""
+"""Decorators for functions that are compiled by Numba, and progress reports of their compilation."""
 
 from __future__ import annotations
 
@@ -41,26 +41,25 @@ _UNREADABLE = (
     UnpicklingError,
     ValueError,
 )
-"""Errors of reading a cache that another version wrote, or that was cut off."""
+"""Errors when reading a cache that is truncated, or was written by another version."""
 
 _numbers = count()
 
 ZERO = cast(int, np.int64(0))
-"""A nought to hand to kernels, or to add to what is no int64: they are recompiled for every
-literal and for every type that they are given."""
+"""Zero of type int64. Kernels are recompiled for every type and every literal among their arguments; this avoids it."""
 
 
 @cache
 def files_of_kernels(root: Path, module: str) -> frozenset[Path]:
     """Return the source files that may be compiled into the kernels of a module, its own included.
 
-    These are the files that declare kernels, or tell numba how to compile, and that the module imports,
-    directly or by others of them. A kernel is compiled into those that call it, from whichever file;
-    numba alone compares the caller's own file, and would keep the old callee.
+    These are the files with kernels or extensions of numba that the module imports, directly or through other such
+    files. Kernels are compiled into their callers, also across files; numba itself only checks the file of the
+    caller, and would keep outdated code of callees.
 
     Args:
         root: folder above the packages.
-        module: name with dots; one that is not below the folder has no files.
+        module: dotted name; a module outside the folder has no files.
     """
     found: set[Path] = set()
     ahead = [module]
@@ -88,8 +87,8 @@ class _Cache(FunctionCache):
     """Disk cache of compiled code; stale or unreadable entries are recompiled.
 
     The folder belongs to the installation, or to the user: numba unpickles the files in it. Where it
-    cannot be written to, code is recompiled by every process. Cached files name types and functions by
-    their modules: some may be gone in another version.
+    cannot be written to, code is recompiled by every process. Cached files refer to types and functions by module,
+    which may be missing in another version.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -131,7 +130,7 @@ class _NoEngine:
 class _InnerLibrary(JITCodeLibrary):
     """Code of a function that only kernels call.
 
-    It is linked into these, optimised there, and becomes machine code there only.
+    The code is linked into these kernels, and is optimised and translated to machine code only as part of them.
     """
 
     @property
@@ -159,7 +158,7 @@ class _InnerCompiler(Compiler):
     """Compiles functions that only kernels call."""
 
     def define_pipelines(self) -> Any:
-        """Return the passes, after saying where the code goes."""
+        """Return the passes, after setting the library for the compiled code."""
         codegen = self.state.targetctx.codegen()
         name = f"inner {next(_numbers)}"
         self.state.library = _InnerLibrary(codegen, name)  # type: ignore[no-untyped-call]
@@ -185,7 +184,7 @@ def _compiled(function: Function, **options: Any) -> Function:
     dispatcher: Any = njit(nogil=True, **options)(function)
     try:
         dispatcher._cache = _Cache(function)
-    except RuntimeError:  # no folder that numba knows can be written to
+    except RuntimeError:  # none of numba's cache folders is writable
         _warn_of_no_cache(
             "no folder for it can be written to; NUMBA_CACHE_DIR names one"
         )
@@ -196,7 +195,7 @@ def _compiled(function: Function, **options: Any) -> Function:
 def copy_row(out: Any, values: Any) -> None:
     """Copy values into a one-dimensional array, converted to its type.
 
-    numba compiles an assignment of slices with the words of an error for shapes that differ: seconds.
+    An assignment of slices would take seconds to compile, because of its error message about shapes.
     """
     for k in range(len(out)):
         out[k] = values[k]
@@ -206,7 +205,7 @@ def copy_row(out: Any, values: Any) -> None:
 def argsort_few(values: Any) -> Any:
     """Return the indices that sort a few numbers, stably.
 
-    It is an insertion: sorts of numba, for any number of them, take longer to compile than all else here.
+    This is an insertion sort, because the general sorts of numba take long to compile.
     """
     order = np.arange(len(values))
     for k in range(1, len(values)):
@@ -247,7 +246,7 @@ class _CompilationListener(event.Listener):
 
     def on_start(self, event: event.Event) -> None:
         self._under_way += 1
-        # Kernels make numba compile functions of its own.
+        # While it compiles kernels, numba also compiles functions of its own, which do not count.
         if not event.data["dispatcher"].py_func.__module__.startswith("numba."):
             self._begin()
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _MOST_CELLS = 50_000_000
-"""Largest number of values in a table; the columns may take eight times as many bytes."""
+"""Largest number of values in a table; its columns may have 8 bytes for each value of this limit."""
 
 
 _NAMES = ("string", "dictionary<values=string, indices=int32, ordered=0>")

@@ -1,4 +1,7 @@
-"""Copies of the nodes of a pattern: tasks, objects and contacts of each product."""
+"""Plan for many products, made from the plan of a few products by copying its nodes, tasks and objects.
+
+A ``Pattern`` specifies how the plan is repeated.
+"""
 
 from __future__ import annotations
 
@@ -24,21 +27,21 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class Pattern:
-    """A plan for some products that is repeated for many.
+    """How the plan of a few products, the pattern, is repeated for many.
 
     At the end of the pattern everything is again as it was at its start: robots at HOME, sources
-    full, places empty. So its copies come one after another, and overlap as the graph lets them.
+    full, places empty. Copies are therefore executed one after another, and may overlap as far as
+    the graph allows.
 
     Attributes:
-        products: how many there are to be in all.
-        period: products of the pattern.
+        products: total number of products.
+        period: number of products of the pattern.
         product: the product for which each task of the pattern is done, from 1, shape (tasks,).
-            What brings parts of a later copy is done for a product of that one, and is left out
-            where there is no such product.
-        lags: triples (a, b, n), shape (d, 3): task b of the copy that is n later waits for task
-            a of a copy.
-        objects: by name of an object of the pattern, its part and product: in the copy after it
-            is that of product + period.
+            A task that supplies a part to a later copy counts for the product of that copy, and is
+            left out if there is no such product.
+        lags: triples (a, b, n), shape (d, 3): task b waits for task a of the copy n earlier.
+        objects: part and product of each object of the pattern, by name. In the next copy, the
+            object is the same part of product + period.
     """
 
     products: int
@@ -73,12 +76,12 @@ def product_part_name(part: str, product: int) -> str:
 def copied_nodes(tpg: TemporalPlanGraph, pattern: Pattern) -> TemporalPlanGraph:
     """Return the nodes of all products, without type-2 edges.
 
-    Every copy is planned to begin when the one before it has ended. Tasks for products that
-    there are not to be are left out of the last one.
+    Every copy is planned to begin when the one before it has ended. Tasks for products beyond the
+    total number are left out of the last copy.
 
     Args:
-        tpg: of the pattern, robots ending where they begin.
-        pattern: says how often, and what waits for what between copies.
+        tpg: graph of the pattern; robots end where they begin.
+        pattern: number of copies, and dependencies between them.
 
     Raises:
         PlanInvariantError: a robot does not end where it begins.
@@ -99,7 +102,7 @@ def _require_return(tpg: TemporalPlanGraph) -> None:
 
 
 class _Copies:
-    """Copies the parts of one graph."""
+    """Builds the graph of all copies from that of the pattern."""
 
     def __init__(self, tpg: TemporalPlanGraph, pattern: Pattern) -> None:
         self.tpg, self.pattern = tpg, pattern
@@ -107,7 +110,7 @@ class _Copies:
         product = pattern.product + copies * pattern.period
         kept = product <= pattern.products
         self.products = product[kept]
-        # The new index of each task of the pattern in a copy, -1 where it is left out.
+        # New index of each task of the pattern, by copy; -1 where it is left out.
         self.index = np.where(kept, np.cumsum(kept).reshape(kept.shape) - 1, -1)
         ends = [c.planned_start + c.duration for c in tpg.chains if len(c)]
         self.length_s = max(float(end.max()) for end in ends)
@@ -165,7 +168,7 @@ class _Copies:
             )
 
     def _chain(self, chain: NodeChain) -> NodeChain:
-        """Return a repeated chain, truncated in the last copy."""
+        """Return the chain repeated for all copies, truncated in the last one."""
         last = self.pattern.copies - 1
         left = self.index[last, chain.task] >= 0
         rest = int(np.count_nonzero(left))

@@ -1,4 +1,4 @@
-"""Payloads of robots over time: tools and parts."""
+"""Payload of each robot over time: its tool and the parts it carries."""
 
 from __future__ import annotations
 

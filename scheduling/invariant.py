@@ -1,12 +1,12 @@
 """Check of the safety invariant of a temporal plan graph.
 
-(a) Two nodes of different robots that conflict are ordered. (b) A node that conflicts with a
-robot standing between its nodes u and u + 1, before its first or after its last, precedes u or
-follows u + 1. (c) A node that conflicts with an object at rest is ordered before its place or
-after its pick. Then no delay whatever can bring two robots closer than the clearance.
+The invariant has three conditions. (a) Two nodes of different robots that conflict are ordered. (b) A node that
+conflicts with a robot at rest between its nodes u and u + 1, before its first or after its last node, precedes
+u or follows u + 1. (c) A node that conflicts with an object at rest precedes the placement of the object or
+follows its pick. Then no delay can bring two robots closer than the clearance.
 
-With (a), a node v can break (b) or (c) only where u ~> v ~> u + 1: everything else conflicts
-with u or u + 1 as well, whose swept occupancies contain the hold. Only those are looked at.
+If (a) holds, a node v can violate (b) or (c) only if u precedes v and v precedes u + 1: any other node also
+conflicts with u or u + 1, whose occupancies contain the robot at rest. Only such nodes v are checked.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Times of nodes within the robots' limits of speed, acceleration and jerk.
+"""Durations of motions within the robots' limits of speed, acceleration and jerk.
 
-The nodes of a temporal plan graph are pieces of paths; here they get the times that robots need
-for them without waits. Waits are up to the engines, by
-the same functions of ``planning.timing.stretch``.
+Durations are computed without waits. The simulation engines add waits, with the same functions of
+``planning.timing.stretch``.
 """
 
 from __future__ import annotations

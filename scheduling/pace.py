@@ -1,7 +1,8 @@
-"""Speed limits of robots along their nodes with their current payload.
+"""Speed and acceleration limits of robots along their paths with their current payload.
 
-A stretch is passed as slowly as its fastest point asks for, and with accelerations that joints bear all
-along it; a skill, whose path is followed by one clock, is slowed down as a whole.
+A straight piece of a path has the lowest speed limit of its points, and an acceleration within the effort
+limits of the joints along all of it. A skill, such as a pick, has a given timing along its path, so it is
+slowed down by one common factor.
 """
 
 from __future__ import annotations

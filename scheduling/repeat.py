@@ -1,18 +1,16 @@
-"""The temporal plan graph of many equal products, made from the graph of a few copies of one product's plan.
+"""Temporal plan graph of many equal products, made from the graph of a few copies of the plan of one product.
 
-Whether two nodes conflict depends on their paths and loads, which are the same in every copy; contacts are
+Whether two nodes conflict depends on their paths and loads, which are the same in every copy. Contacts are
 allowed only within one copy. So if a node conflicts with a node u of one earlier copy, it conflicts with the
-u of every earlier copy. It need wait only for the last of these, in the copy just before: no edge of a
-conflict reaches further back than one copy, and a planned wait reaches back as far as the pattern states.
-From the copy on at which all sources of edges exist, the edges into a copy are therefore those into the copy
-before, shifted. This is verified: the graph of a few copies is built and proved as any other, and its edges
-must repeat.
+u of every earlier copy, and needs an edge only from the last of these, in the copy just before. An edge from
+a planned wait spans as many copies as the plan specifies. Hence, after the first few copies, the edges
+into a copy are the edges into the copy before it, shifted by one copy. This is verified: the graph of a few
+copies is built and checked like any other graph, and its edges must repeat.
 
-The invariant then holds for any number of copies. Let a node v of copy m conflict with a hold of a robot, or
-a rest of an object, in copy n. For n = m - 1, m and m + 1 the order was proved in the graph of a few copies:
-v comes after the end of that hold or rest in copy m - 1, and before its beginning in copy m + 1. The nodes of
-a robot are in order, copy after copy; hence v comes after it in all earlier copies and before it in all later
-ones.
+The safety invariant then holds for any number of copies. Let a node v of copy m conflict with a robot at rest,
+or an object at rest, in copy n. For n = m - 1, m and m + 1 the order is proved in the graph of a few copies: v
+comes after the end of that rest in copy m - 1, and before its beginning in copy m + 1. The nodes of a robot are
+ordered copy after copy; hence v comes after the rest in all earlier copies and before it in all later ones.
 """
 
 from __future__ import annotations

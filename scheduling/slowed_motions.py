@@ -1,4 +1,7 @@
-"""Motions slowed down by limits of tool speed and of joint effort, counted by robot."""
+"""Statistics of slowed motions: how many motions of each robot are slowed down, and by which limits.
+
+The limits are those of tool speed and joint effort.
+"""
 
 from __future__ import annotations
 

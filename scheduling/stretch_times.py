@@ -1,4 +1,7 @@
-"""Timing of the nodes of one stretch within limits, and the path of its robot."""
+"""Timing of the nodes of one stretch within speed, acceleration and jerk limits, and its path.
+
+A stretch is a part of a robot's path at whose start and end the robot is at rest.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Digital twin of robot teams: ``twin.simulate(twin.plan(twin.load("cell.yaml"))).makespan_s``.
 
-The names below are what other programs may rely on, and those of parts of one's own, which
-docs/reference/python.md lists; docs/guides/python.md explains them. Each is imported when it is first used.
+The names below are the public interface, together with the interfaces for extensions; docs/reference/python.md
+lists both, and docs/guides/python.md explains them. Each name is imported when it is first used.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Registry of the exchangeable parts of the program: kinds of assembly, commands, export formats and others.
+"""Registry of the exchangeable components of the program: kinds of assembly, commands, export formats and others.
 
-The core loads these parts through the registry and does not import them directly. Each group lists the entries of
+The core loads these components through the registry and does not import them directly. Each group lists the entries of
 this program by name, as ``module:attribute``. Installed packages add entries through entry points of the group
 ``assembly_twin.<group>``; scripts add them with ``add``. An entry is imported when it is loaded. An entry of this
 program is left out if its module is not installed.
@@ -152,7 +152,7 @@ EXPECTATIONS = Group(
 """Expectations on a run that its audit checks, by kind of assembly: called with the kind and the cell section."""
 
 SECTIONS = Group("sections", {"explore": "twin.explorations.section:ExploreSection"})
-"""Optional sections of wings at the top of a scenario, by their key; nothing of a run depends on them."""
+"""Optional top-level sections of a scenario, by their key; they do not affect runs."""
 
 COMMANDS = Group(
     "commands",

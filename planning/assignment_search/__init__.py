@@ -1,4 +1,4 @@
 """Search among assignments by a predicted makespan.
 
-The integer program adds up distances from HOME; the search knows when robots wait and how far they go.
+The integer program minimizes a sum of distances from HOME; the search also predicts the waits and travel of robots.
 """

@@ -1,4 +1,4 @@
-"""Simulated annealing over the choices of all steps, by the predicted makespan."""
+"""Simulated annealing over the assignments of all steps; the cost is the predicted makespan."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ _WARM, _COLD = 0.01, 0.0002
 _NONE = -1
 
 _DRAWS = 9
-"""Random numbers of a move: step, number of steps, two for each of three steps, and whether it is made."""
+"""Random numbers of a move: step, number of steps, two for each of three steps, and one for the acceptance."""
 
 
 class Neighbours(NamedTuple):
-    """What may be chosen in place of what.
+    """Alternatives of each step, and the objects that they use.
 
     Attributes:
-        first: where the choices of a step begin, shape (steps + 1,).
+        first: index of the first choice of each step, shape (steps + 1,).
         item: number of the object of each choice, shape (c,).
         unlimited: whether an object may be used more than once, shape (objects,).
-        after_first, after: objects that steps before must have used, of each choice.
+        after_first, after: objects that earlier steps must have used, for each choice.
     """
 
     first: Indices
@@ -48,7 +48,7 @@ def list_neighbours(model: PredictionModel, problem: AssignmentProblem) -> Neigh
 
     Args:
         model: with the choices of all steps in their order.
-        problem: what they are choices of.
+        problem: the assignment problem of the choices.
     """
     objects = sorted({choice.object for choice in model.choices})
     number = {name: k for k, name in enumerate(objects)}
@@ -75,13 +75,13 @@ def anneal(
     moves: int,
     seed: int,
 ) -> tuple[float, Indices]:
-    """Return the shortest assignment that was found, with its predicted makespan [s].
+    """Return the assignment found with the shortest predicted makespan, and that makespan [s].
 
     Args:
         model: predicts makespans.
         neighbours: of its choices.
         start: number of the choice of each step, shape (steps,).
-        moves: assignments to look at.
+        moves: number of assignments to try.
         seed: of the draws.
     """
     state = make_state(model)
@@ -155,7 +155,7 @@ def _change(
     share: float,
     other_share: float,
 ) -> bool:
-    """Give a step another choice; return whether the step that used its object finds another one."""
+    """Give a step another choice; return False if the step that used its object has no other choice left."""
     item = neighbours.item
     first, end = neighbours.first[step], neighbours.first[step + 1]
     old, new = trial[step], first + int(share * (end - first))

@@ -1,4 +1,4 @@
-"""Operations of the choices of steps: the skills of robots, and their straight motions between these."""
+"""Operations of an assembly step: skills, and straight motions to the start of a robot's next skill."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from planning.tasks.task import StepTasks, Task, TaskKind, cell_with_steps
 from planning.transforms import Array
 
 TRAVEL = "travel"
-"""Kind of an operation that is a straight motion to where the next one of its robot starts."""
+"""Kind of an operation: a straight motion to the start of the robot's next operation."""
 
 
 @dataclass(frozen=True)
 class RobotOperation:
-    """A skill of a robot within a step, or its straight motion to where it works next.
+    """A skill of a robot within a step, or a straight motion to the start of its next one.
 
     Attributes:
         robot: its name.
         kind: that of the task, or TRAVEL.
         path: joint waypoints with the start, shape (w, n).
-        times: when they are passed, from 0, shape (w,) [s].
+        times: times of passing the waypoints, from 0, shape (w,) [s].
         after: numbers of the operations of the step that must be complete before it starts.
-        leads: whether it is a travel to the skill that its robot does next.
+        leads: whether it is a travel to the robot's next skill.
     """
 
     robot: str
@@ -40,7 +40,7 @@ class RobotOperation:
 
     @property
     def seconds(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return float(self.times[-1])
 
 
@@ -49,8 +49,8 @@ def list_operations(
 ) -> list[RobotOperation]:
     """Return the operations of a step in sequential order.
 
-    Transits that nothing depends on are left out: between two skills a robot goes straight. How it comes to
-    its first skill depends on the step before.
+    Transits on which no other task depends are replaced by straight motions between two skills. The motion to the
+    robot's first skill is not included, because it depends on the step before.
 
     Args:
         cell: the static cell.

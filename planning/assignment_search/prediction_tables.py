@@ -1,4 +1,4 @@
-"""Operations of all choices as arrays: the input of compiled predictions of the makespan."""
+"""Arrays of the operations of all steps and alternatives, from which compiled code predicts makespans."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from planning.transforms import Array, Indices
 
 _PIECES = {TRAVEL: 4}
 _SKILL_PIECES = 3
-"""Pieces of an operation; conflicts are looked up for whole pieces."""
+"""Number of pieces of an operation; conflicts are predicted for whole pieces."""
 
 _LEAVING = 0.4
-"""Share of the straight motion HOME after which a robot has left its place of work."""
+"""Share of the straight motion to HOME after which a robot has left its place of work."""
 
 
 class PredictionTables(NamedTuple):
@@ -36,25 +36,25 @@ class PredictionTables(NamedTuple):
 
     Attributes:
         step: step of each choice, from 0, shape (c,).
-        first: where the operations of a choice begin, shape (c + 1,).
+        first: index of the first operation of each choice, shape (c + 1,).
         robot, kind: of each operation, shape (o,).
-        seconds: how long it takes, shape (o,) [s].
+        seconds: duration of each operation, shape (o,) [s].
         start, end: numbers of its first and last configuration among those of its robot, shape (o,).
-        gate: for a travel the operation that it leads to, which must be next of its robot; else the
-            operation itself, shape (o,).
-        after_first, after: operations of the same choice, counted within it, that come before.
-        piece_first: where the pieces of an operation begin, shape (o + 1,).
+        gate: for a travel, the skill that it leads to, the next operation of its robot; otherwise the operation
+            itself, shape (o,).
+        after_first, after: predecessors of each operation, by their numbers within the same choice.
+        piece_first: index of the first piece of each operation, shape (o + 1,).
         volume: of each piece, shape (p,).
-        until: share of the operation that is over after it, shape (p,).
-        leaving: volume that a robot needs as it leaves after an operation, -1 for none, shape (o,).
-        leaving_s: for how long, shape (o,) [s].
-        travel_first: where the table of a robot's travels begins in ``travel``, shape (r,).
+        until: share of the operation that is complete after each piece, shape (p,).
+        leaving: volume that the robot needs when it leaves after an operation, -1 for none, shape (o,).
+        leaving_s: duration of that need, shape (o,) [s].
+        travel_first: index in ``travel`` at which the table of each robot begins, shape (r,).
         starts: number of start configurations of each robot, shape (r,); number 0 is HOME.
         travel: seconds from each end to each start configuration of each robot, one after another [s].
-        wait_first: where the waits of a kind at a step begin, shape (steps * kinds + 1,).
-        wait_step, wait_kind: what they wait for.
+        wait_first: index of the first wait of each kind at each step, shape (steps * kinds + 1,).
+        wait_step, wait_kind: step and kind of the operation that each wait is for.
         kinds: number of kinds.
-        most: most operations of a choice.
+        most: greatest number of operations of a choice.
     """
 
     step: Indices
@@ -84,12 +84,12 @@ class PredictionTables(NamedTuple):
 
 @dataclass(frozen=True)
 class PredictionModel:
-    """What the makespan of any choices is predicted from.
+    """Input of the prediction of the makespan, for any choices.
 
     Attributes:
         choices: alternatives of all steps, in the order of the steps.
-        tables: their operations.
-        volumes: the space that their pieces need.
+        tables: the operations of the choices.
+        volumes: the space that the pieces of operations need.
         robots: number of robots.
     """
 
@@ -129,7 +129,7 @@ def build_model(
 
 
 class _Numbers:
-    """Numbers of configurations, equal ones having the same."""
+    """Numbering of configurations; equal ones have the same number."""
 
     def __init__(self) -> None:
         self.items: list[Array] = []
@@ -192,7 +192,7 @@ class _TableBuilder:
     def finish(
         self, waits: Iterable[tuple[Task, Task]], steps: int
     ) -> tuple[PredictionTables, Volumes]:
-        """Return the arrays, with what waits for what between steps.
+        """Return the arrays, including the waits between steps.
 
         Args:
             waits: pairs of tasks, the second of which waits for the first.

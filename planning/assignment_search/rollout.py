@@ -1,7 +1,8 @@
-"""Prediction of the makespan of an assignment: robots work in parallel, and wait for each other.
+"""Prediction of the makespan of an assignment by a simulation of robots that work in parallel.
 
-Operations are dispatched in the order in which they could start. One waits for those it depends on, and each
-piece of it for pieces of other robots, dispatched before, that need the same space.
+Operations are dispatched in the order of their earliest possible starts. An operation waits for the operations that
+it depends on. It is divided into pieces of motion. A piece also waits until the robots of operations that were
+dispatched before have left the volume that it sweeps.
 """
 
 from __future__ import annotations
@@ -30,16 +31,16 @@ class RolloutState(NamedTuple):
 
     Attributes:
         queue, queue_step: operations of each robot in order, and their steps, shape (r, q).
-        queued, head: how many there are, and which is next, shape (r,).
-        done: when the operations of each step are complete, shape (steps, most) [s].
-        done_kind: when the last operation of a kind is, shape (steps, kinds) [s].
-        clock: of each robot, shape (r,) [s].
-        left_s: how long its operations that are not dispatched and all travels between them take at
-            least, up to HOME, shape (r,) [s].
-        at: number of its configuration, shape (r,).
-        held, held_step: volumes that robots have needed, with the step they are for, shape (r, h).
-        held_until: until when, shape (r, h) [s].
-        held_count: shape (r,).
+        queued, head: number of operations in each queue, and index of the next one, shape (r,).
+        done: time at which each operation of a step is complete, shape (steps, most) [s].
+        done_kind: time at which the last operation of each kind is complete in a step, shape (steps, kinds) [s].
+        clock: time until which each robot is busy, shape (r,) [s].
+        left_s: least total duration of each robot's operations that are not dispatched, with the travel between
+            them and to HOME, shape (r,) [s].
+        at: number of each robot's configuration, shape (r,).
+        held, held_step: volumes that each robot has occupied, with their steps, shape (r, h).
+        held_until: time at which it leaves each of them, shape (r, h) [s].
+        held_count: number of these volumes, shape (r,).
     """
 
     queue: Indices
@@ -58,7 +59,7 @@ class RolloutState(NamedTuple):
 
 
 def make_state(model: PredictionModel) -> RolloutState:
-    """Return the memory of rollouts of a model."""
+    """Return a state with arrays large enough for every rollout of a model."""
     tables, robots = model.tables, model.robots
     steps = int(tables.step.max()) + 1
     most = steps * tables.most
@@ -126,7 +127,7 @@ def run_rollout(
     most: float,
 ) -> float:
     """Return the predicted makespan of an assignment, infinity where it exceeds ``most`` [s]."""
-    left = _begin(tables, state, chosen)
+    left = _queue_operations(tables, state, chosen)
     queue, head, queued = state.queue, state.head, state.queued
     most += _SAME
     for r in range(len(queued)):
@@ -156,13 +157,15 @@ def run_rollout(
 def _travel_s(
     tables: PredictionTables, state: RolloutState, r: int, start: int
 ) -> float:
-    """Return how long a robot takes straight to a start configuration, 0 for HOME [s]."""
+    """Return the duration of a robot's straight motion to a start configuration, 0 for HOME [s]."""
     row = tables.travel_first[r] + state.at[r] * tables.starts[r]
     return float(tables.travel[row + start])
 
 
 @inner_kernel
-def _begin(tables: PredictionTables, state: RolloutState, chosen: Indices) -> int:
+def _queue_operations(
+    tables: PredictionTables, state: RolloutState, chosen: Indices
+) -> int:
     """Queue the operations of all robots; return their number."""
     for r in range(len(state.queued)):
         state.queued[r] = state.head[r] = state.at[r] = 0
@@ -193,7 +196,7 @@ def _begin(tables: PredictionTables, state: RolloutState, chosen: Indices) -> in
 def _earliest_start(
     tables: PredictionTables, state: RolloutState, chosen: Indices, r: int, k: int
 ) -> float:
-    """Return when an operation could start, -1 where what it depends on is not dispatched yet [s]."""
+    """Return when an operation could start [s]; -1 while one that it depends on is not dispatched."""
     step = state.queue_step[r, state.head[r]]
     start = state.clock[r] + _travel_s(tables, state, r, tables.start[k])
     gate = tables.gate[k]
@@ -235,12 +238,12 @@ def _dispatch(
     now, past = start, 0.0
     if conflicts:
         for p in range(tables.piece_first[k], tables.piece_first[k + 1]):
-            now = _free_from(volumes, state, r, step, tables.volume[p], now)
+            now = _time_when_free(volumes, state, r, step, tables.volume[p], now)
             now += (tables.until[p] - past) * tables.seconds[k]
             past = tables.until[p]
-            _hold(state, r, step, tables.volume[p], now)
+            _occupy(state, r, step, tables.volume[p], now)
         if tables.leaving[k] >= 0:
-            _hold(state, r, step, tables.leaving[k], now + tables.leaving_s[k])
+            _occupy(state, r, step, tables.leaving[k], now + tables.leaving_s[k])
     else:
         now += tables.seconds[k]
     state.clock[r] = now
@@ -253,10 +256,10 @@ def _dispatch(
 
 
 @inner_kernel
-def _free_from(
+def _time_when_free(
     volumes: Volumes, state: RolloutState, r: int, step: int, volume: int, now: float
 ) -> float:
-    """Return when other robots have left a volume [s]."""
+    """Return the earliest time from ``now`` at which other robots have left a volume [s]."""
     for other in range(len(state.held_count)):
         if other == r:
             continue
@@ -275,7 +278,7 @@ def _free_from(
 
 
 @inner_kernel
-def _hold(state: RolloutState, r: int, step: int, volume: int, until: float) -> None:
+def _occupy(state: RolloutState, r: int, step: int, volume: int, until: float) -> None:
     count = state.held_count[r]
     state.held[r, count] = volume
     state.held_step[r, count] = step

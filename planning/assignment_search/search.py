@@ -1,4 +1,4 @@
-"""Search for an assignment that is predicted to end soon, started from that of the integer program."""
+"""Search for an assignment with a short predicted makespan, starting from the result of the integer program."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from planning.tasks.assignment import TaskPlan, step_choices
 from planning.tasks.found_assignment import FoundAssignment
 
 MOST_CHOICES = 4000
-"""Greatest number of alternatives of all steps that are searched: they are expanded one by one."""
+"""Greatest number of alternatives of all steps for a search, since each is expanded to tasks."""
 
 _MOVES_PER_STEP, _MOST_STEPS_SEEN = 1000, 1_500_000
-"""Moves by default, and the greatest number of them times the steps that each goes through."""
+"""Default number of moves per step, and the greatest product of the numbers of moves and steps."""
 
 
 def search_assignments(
@@ -31,8 +31,8 @@ def search_assignments(
 ) -> FoundAssignment | None:
     """Return the assignment that is predicted to end first among those that are looked at.
 
-    There is no search where robots change tools or keep holding what they placed, or where machines work:
-    predictions know neither.
+    There is no search if robots change tools or keep holding what they placed, or if there are machines: the prediction
+    of the makespan does not model these.
 
     Args:
         cell: where it is built.

@@ -1,4 +1,4 @@
-"""Space that robots need on pieces of motions, as capsules at sampled configurations, and which of them meet."""
+"""Volumes of pieces of robot motions, as capsules at sampled configurations, and tests for overlaps."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 SAMPLES = 3
-"""Configurations of a piece at which its robot is placed."""
+"""Number of sampled configurations per piece of a motion."""
 
 MARGIN = 0.01
-"""Kept on top of the clearance, for what lies between the samples and for loads [m]."""
+"""Distance added to the clearance, for the motion between the samples and for loads [m]."""
 
 _UNKNOWN = -1
 
@@ -29,11 +29,11 @@ class Volumes(NamedTuple):
     """Volumes, for compiled code.
 
     Attributes:
-        first: where the capsules of a volume begin, shape (v + 1,).
-        ends: their starts and ends in the world, shape (all, 2, 3) [m].
-        radius: their radii, with half the distance to keep, shape (all,) [m].
+        first: index of the first capsule of each volume, shape (v + 1,).
+        ends: starts and ends of the capsules in the world, shape (all, 2, 3) [m].
+        radius: their radii, including half the distance to keep, shape (all,) [m].
         box: bounds of each volume, shape (v, 6) [m].
-        known: whether two volumes meet, -1 where that has not been asked yet, shape (v, v).
+        known: whether two volumes meet; -1 if that is not computed yet, shape (v, v).
     """
 
     first: Indices
@@ -50,8 +50,8 @@ def build_volumes(
 
     Args:
         cell: the robots, and the distance that they keep.
-        robots: whose each piece is.
-        pieces: configurations of each, shape (SAMPLES, n).
+        robots: the robot of each piece.
+        pieces: configurations of each piece, shape (SAMPLES, n).
     """
     keep = 0.5 * (cell.clearances.robot_robot + MARGIN)
     tables = {robot.name: robot_bodies(robot).hulls for robot in cell.robots}

@@ -1,4 +1,4 @@
 """The cell as data: robots, fixtures and objects, convex bodies, robot models.
 
-Imported by every other room; imports none of them.
+Imported by every other subpackage of planning; imports none of them.
 """

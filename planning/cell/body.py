@@ -29,7 +29,7 @@ class Capsules:
 class ConvexBody:
     """A convex hull and capsules whose union contains it.
 
-    The capsules propose contacts cheaply, the hull decides them.
+    Contacts are searched with the capsules, which is fast, and decided with the hull.
 
     Attributes:
         name: unique within what carries the body.

@@ -1,8 +1,7 @@
-"""Bounding capsules of a convex hull, several where one would be loose.
+"""Bounding capsules of a convex hull: several capsules where a single one would be a loose bound.
 
-The hull is cut by a grid of planes into convex cells. Each cell's corners, those on the
-cuts included, lie in one capsule; a capsule is convex, so it holds the whole cell, and the
-cells make up the hull: the union of the capsules contains it.
+A grid of planes divides the hull into convex cells. One capsule contains all corners of a cell. A capsule is convex,
+so it contains the whole cell, and the union of the capsules contains the hull.
 """
 
 from __future__ import annotations

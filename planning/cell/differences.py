@@ -1,4 +1,4 @@
-"""Differences between two cells, by name: a plan fits only the cell that it was made for."""
+"""Comparison of two workcells: a plan is valid only in the cell for which it was computed."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Models of immovable things: carriers without travel, and machines.
+"""Robot models without motion: machines, and bodies that never move.
 
-A machine is a pseudo-robot whose tasks take time and wait for others, as those of a robot do. It has no
-body: the things that it brings, processes or removes are objects at rest, and the user's fixtures represent
-its frame. Its door is an object, too, for as long as it works.
+A machine is modelled as a robot, because its tasks take time and wait for other tasks. It has no bodies. The parts
+that it delivers, processes or removes are objects at rest, and fixtures of the scenario represent its frame. While it
+works, its closed door is an object, so that no robot can reach in.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from planning.transforms import read_only_copy
 
 
 def immovable_model(name: str, bodies: Sequence[ConvexBody] = ()) -> RobotModel:
-    """Return the model of a slide without travel.
+    """Return the model of bodies that never move: a prismatic joint whose range is zero.
 
     Args:
         name: of the model.

@@ -10,9 +10,9 @@ from planning.cell.robot_model import RobotModel
 from planning.transforms import Array
 
 TURNING_ACCELERATION, SLIDING_ACCELERATION = 5.0, 2.0
-"""Default where neither description nor scenario states one [rad/s^2, m/s^2]."""
+"""Default accelerations of revolute and prismatic joints [rad/s^2, m/s^2]."""
 
-_BUILD_UP_S = 0.05
+_RISE_TIME_S = 0.05
 """Rise time of an acceleration where no jerk limit is stated [s]."""
 
 
@@ -46,5 +46,5 @@ class MotionLimits:
         given = usual if drives is None else drives.acceleration
         acceleration = np.where(np.isfinite(given), given, usual)
         known = acceleration * np.inf if drives is None else drives.jerk
-        jerk = np.where(np.isfinite(known), known, acceleration / _BUILD_UP_S)
+        jerk = np.where(np.isfinite(known), known, acceleration / _RISE_TIME_S)
         return cls(model.velocity, acceleration, jerk)

@@ -1,4 +1,4 @@
-"""A robot as the planner sees it: a serial chain of joints that carries convex bodies."""
+"""Model of a robot type for planning: a serial chain of joints with convex bodies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from planning.transforms import Array, Transform, identity
 
 @dataclass(frozen=True)
 class KinematicChain:
-    """Joints in order from the base; every joint hangs on the one before it.
+    """Serial chain: joints in order from the base; each one moves all later ones.
 
     Attributes:
         placement: pose of each joint's frame in the frame of the joint before it (the base

@@ -1,10 +1,9 @@
-"""Shapes of parts and fixtures: placed forms, and the convex pieces that approximate them.
+"""Shapes of parts and fixtures: boxes, cylinders, capsules and meshes, approximated by convex pieces.
 
-Polyhedra approximate round forms. Every face touches the form, so they stand out of it at their
-edges only. They have as many sides as it takes to stand out by no more than a tenth of a
-millimetre, between 16 and 48: the round side of a bar of 5 mm radius is exceeded by 0.10 mm, of
-one of 15 mm by 0.09 mm, and of any beyond 47 mm by 0.21 percent of the radius. The half spheres
-of a capsule are exceeded by up to 4 percent of the radius.
+Cylinders and capsules are approximated by polyhedra. Every face is tangent to the round surface, so only edges and
+corners lie outside of it. A polyhedron has 16 to 48 sides, as many as limit the excess to about 0.1 mm: it is 0.10 mm
+at a radius of 5 mm, 0.09 mm at 15 mm, and 0.21 percent of any radius above 47 mm. At the half spheres of a capsule
+the excess is up to 4 percent of the radius.
 """
 
 from __future__ import annotations

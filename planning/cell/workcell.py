@@ -1,4 +1,4 @@
-"""Workcell (static: robots, fixtures, objects) and world state (one instant of it)."""
+"""Workcell (robots, fixtures and objects, all static) and world state (the state of a cell at one instant)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from planning.cell.shape import Shape
 from planning.transforms import Array, Transform
 
 CONTACT_DEPTH = 0.003
-"""What is meant to touch may be this deep in each other, unless a scenario says more [m]."""
+"""Default of the greatest penetration depth of two bodies with an allowed contact [m]."""
 
 
 @dataclass(frozen=True)

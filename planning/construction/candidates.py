@@ -1,8 +1,8 @@
-"""Candidates for the next placement: parts by eq. (6), robots by eq. (7) (Hartmann et al. IV-D).
+"""Candidates for the next placement: parts by eq. (6), robots by eq. (7) of Hartmann et al., Sec. IV-D.
 
-Every robot of a group holds the part exactly once (IV-D3, V-A3), so the order of the robots determines the
-skeleton, the sequence of actions: the first one picks, each hands over to the next, the last one places and
-retracts.
+Every robot of a group holds the part exactly once (same paper, IV-D3 and V-A3). The order of the robots therefore
+determines the skeleton, the sequence of actions: the first robot picks the part, each robot hands it over to the
+next, and the last one places it and retracts.
 """
 
 from __future__ import annotations

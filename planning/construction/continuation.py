@@ -1,7 +1,7 @@
 """Resuming a construction from an intermediate state: the remaining parts, one after another.
 
-Robots stand anywhere at rest, some parts stand in their places, and robots may have others in their hands, by
-which they put them in place first.
+In that state all robots are at rest, in any configuration. Some parts are in their goal places. Robots may hold other
+parts; they place these first.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Parts that would fall: the robot that places one holds it until the next part is placed."""
+"""Planning of parts that would fall if released: the robot that places one holds it until the next part is placed."""
 
 from __future__ import annotations
 

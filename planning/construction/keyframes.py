@@ -1,8 +1,8 @@
-"""Keyframes, configurations at mode switches with time windows, and their solver (Hartmann et al. IV-B).
+"""Keyframes, the configurations in which a part changes hands (mode switches), and their solver (Hartmann et al. IV-B).
 
-Configurations are sampled and refined by damped least squares; each is checked against the world at a
-sampled time. For those that pass, all times at which the whole skill is free are computed, so that the path
-planner may arrive at any of them.
+Configurations are sampled and refined by damped least squares. Each one is checked for collisions at a sampled time.
+If it passes, all times at which the whole skill is free of collisions are computed; the path planner may arrive at
+any of them.
 """
 
 from __future__ import annotations

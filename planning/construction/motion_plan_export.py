@@ -1,8 +1,8 @@
 """Export of a space-time plan as the motion plan used by all later stages.
 
-Robots move at the same time in such a plan. Its motions are cut at the cells of time, and finer
-where robots are close, until no two pieces that share time come too close, each anywhere on its
-own: then the temporal plan graph keeps the planned times, and its guarantee under any delay.
+In a space-time plan, robots move simultaneously. Motions are divided into intervals of equal length (time cells), and
+further where robots are close. Two pieces that overlap in time must keep the clearance at all points of both motions.
+Then the temporal plan graph keeps the planned times, and its execution is free of collisions under any delay.
 """
 
 from __future__ import annotations
@@ -344,8 +344,8 @@ def _tasks_of(
 def _moves(pieces: MotionPieces) -> npt.NDArray[np.bool_]:
     """Return which pieces are motions rather than holds, shape (p,).
 
-    Cells of time begin at multiples of their length, and a motion may end a rounding error after one: the stand
-    after it then begins as far off. It is a stand all the same, which belongs to the tasks before and after it.
+    Time cells begin at multiples of their length, and a motion may end a rounding error after one. The ends of
+    the hold after it then differ by as much; it is a hold nevertheless, and belongs to the tasks before and after it.
     """
     far = np.abs(pieces.q_a - pieces.q_b) > SAME
     return np.asarray(np.any(far, axis=1) | pieces.whole)

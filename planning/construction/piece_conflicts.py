@@ -1,7 +1,7 @@
-"""Conflicts of a space-time plan: pieces of different robots that share time and come too close.
+"""Conflicts of a space-time plan: pieces of different robots that overlap in time and come too close.
 
-The same capsules and hulls as in planning; contacts are allowed where the tasks of both pieces
-allow them, as in a temporal plan graph.
+Distances are checked with the same capsules and convex hulls as in planning. A contact is allowed if the tasks of
+both pieces allow it, as in a temporal plan graph.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class _CarrierPieces(NamedTuple):
         limits: least distance of two entities, shape (e, e) [m].
         least: the least distance [m].
         allowed: whether two entities may touch in a task, shape (tasks, e, e).
-        near: room for pairs of bodies.
-        scratch: room to work in.
+        near: work array for pairs of bodies.
+        scratch: work array.
     """
 
     fleet: RobotFleet
@@ -75,7 +75,7 @@ def conflicting_pieces(
         cell: the static cell.
         carriers: those of the tracks.
         tracks: of all robots.
-        tasks: the tasks that each piece belongs to: one given twice, or for a stand those
+        tasks: the tasks that each piece belongs to: one given twice, or for a hold those
             before and after it, shape (pieces, 2).
         touching: pairs of entities that may touch, by task.
     """

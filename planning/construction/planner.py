@@ -1,4 +1,4 @@
-"""Construction planning: a search over parts and robots, depth first with backtracking (Hartmann et al. IV-D)."""
+"""Construction planning: a depth-first search over parts and robots with backtracking (Hartmann et al. IV-D)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collision checkers of one sub-problem, one per phase: attached parts and allowed contacts."""
+"""Collision checkers of one sub-problem: one per phase, each with its attached parts and allowed contacts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _GHOST = "part in its place"
 
 @dataclass(frozen=True)
 class HandingScene:
-    """Checks of two robots that both touch a part: each of them, and one against the other.
+    """Collision checkers of a handover: one for each robot, and one between the two robots.
 
     Attributes:
         giver: the check of the robot that gives the part, without the other one.

@@ -1,4 +1,4 @@
-"""Stopwatch that adds up the seconds of planning by name."""
+"""Stopwatch that sums up the planning time of each named activity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sub-problems: one part and a few robots among fixed timelines; keyframes, then paths (IV-A to IV-C)."""
+"""Planning of a sub-problem (one part, a few robots): keyframes, then paths (Hartmann et al. IV-A to IV-C)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Penetration depths of parts, measured on their exact forms, not on the planner's polyhedra.
+"""Penetration depths of parts, measured on their exact shapes instead of the polyhedra used for planning.
 
-A round form is round here, and of a mesh its triangles count, not the convex pieces that fill its
-hollows. A hole of a mesh whose wall is the polygon of a round bore is that bore to a round peg.
+Cylinders and capsules are exactly round here. The triangles of a mesh are used, not the convex pieces that fill its
+cavities. If the wall of a hole in a mesh is the polygon of a round bore, the hole is treated as a round bore for a
+round peg.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from planning.geometry.exact import hull_shape
 from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 
 ROUNDING = 1e-5
-"""Default allowed penetration depth: rounding of poses [m]."""
+"""Default allowed penetration depth, due to rounding of poses [m]."""
 
 DEEPEST = 0.05
 """Greatest penetration depth that can be allowed [m]."""

@@ -1,4 +1,4 @@
-"""Play of parts in their places across the insertion direction, and the probability of a fit."""
+"""Play (clearance) of a part in its place, across its insertion direction, and the probability of a fit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from planning.contacts.touching import PlacedObject, bounding_corners
 from planning.transforms import Array, Transform, read_only_copy, translation
 
 _LIFT = 1e-4
-"""Play is measured so far out of the place: what the part rests on does not hold it there [m]."""
+"""Distance by which a part is lifted while play is measured, so that its supports do not count [m]."""
 
 _DIRECTIONS = 32
 """Directions around the insertion path, in which the play is measured."""

@@ -1,8 +1,8 @@
-"""Precedence of parts: the contact graph of parts in their places, and an order that keeps it.
+"""Precedence constraints between parts and between steps: contact graph, order of steps, and detection of cycles.
 
-The part graph has the contacts of parts in their places, and tells which part may be placed when (V-A1, eq.
-6). ``StepPrecedence`` collects precedences between steps with their reasons, and gives the order nearest to
-a list that keeps all of them, or the cycle of steps that wait for each other.
+``PartGraph`` holds the contacts between the parts of the finished structure, and finds the parts that may be placed
+next (Hartmann et al., Section V-A1, eq. 6). ``StepPrecedence`` collects constraints between steps with their reasons.
+It reorders a list of steps as little as possible to satisfy them, or finds a cycle of steps that wait for each other.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from planning.errors import ConstructionError
 from planning.transforms import Array, translation
 
 _SINK = 0.01
-"""Virtual sinking of a part to find its supports [m]."""
+"""Distance by which a part is moved down virtually to find its supports [m]."""
 
 _RESTS = 0.5
-"""It rests on what then comes closer by more than this share of it."""
+"""Least decrease of a gap, as a share of ``_SINK``, by which a part counts as resting on another one."""
 
 
 Item = TypeVar("Item")
@@ -41,12 +41,11 @@ class PartGraph:
 
     Attributes:
         neighbours: part to the parts that it touches.
-        ground: part to the fixtures that it touches; parts that stand on nothing fixed are
-            left out.
-        carriers: part to the neighbours that it rests on, and to those whose insertion path would lead
-            through it: they come before it.
-        covers: part to the parts stacked on it in the supply, which must be picked first. Parts
-            that nothing lies on may be left out.
+        ground: part to the fixtures that it touches; parts that touch no fixture are left out.
+        carriers: part to the neighbours that must be placed before it: those that it rests on, and those
+            whose insertion path it would block.
+        covers: part to the parts stacked on it in the supply, which must be picked first; parts without
+            others on them may be left out.
     """
 
     neighbours: Mapping[str, frozenset[str]]
@@ -61,7 +60,7 @@ class PartGraph:
 
         Args:
             placed: the parts that are in place.
-            carried: whether a part waits for everything that it rests on. Without, one placed
+            carried: whether a part waits for everything that it rests on. If False, one placed
                 neighbour is enough, as in the paper.
         """
         there = frozenset(placed)
@@ -84,7 +83,7 @@ class PartGraph:
         return tuple(part for part in self.neighbours if part not in reached)
 
     def never_placeable(self, *, carried: bool = True) -> tuple[str, ...]:
-        """Return the parts that wait for each other in a cycle: see placeable."""
+        """Return the parts that can never be placed, since they wait for each other; see ``placeable``."""
         placed: set[str] = set()
         while new := self.placeable(placed, carried=carried):
             placed.update(new)
@@ -92,7 +91,7 @@ class PartGraph:
 
     @cached_property
     def piled_on(self) -> Mapping[str, int]:
-        """Height of the stack on each part: how many others rest on it, one on the other."""
+        """Number of levels of parts stacked on each part."""
         out = dict.fromkeys(self.carriers, 0)
         for part in reversed(list(TopologicalSorter(self.carriers).static_order())):
             for below in self.carriers[part]:
@@ -110,14 +109,15 @@ def build_part_graph(
 ) -> PartGraph:
     """Find the contacts of parts when every part is in its place.
 
-    A part rests on a neighbour that it would come at least half as much nearer to as it sinks.
+    A part rests on a neighbour if moving the part down reduces the gap between them by more than half that
+    distance.
 
     Args:
         parts: every part in its place, by name.
-        fixtures: what stands fast.
-        touch: parts nearer to each other than this touch [m].
+        fixtures: all fixtures with their poses.
+        touch: greatest gap between parts that count as touching [m].
         covers: see PartGraph and ``parts_stacked_on``.
-        overlaps: allowed overlaps; by default only those of rounding.
+        overlaps: allowed overlaps; by default only rounding errors.
 
     Raises:
         ConstructionError: two parts, or a part and a fixture, would overlap.
@@ -158,8 +158,8 @@ def with_insertions(
     Args:
         graph: the part graph.
         parts: every part in its place, by name.
-        insertions: direction of the straight path in of each part, shape (3,).
-        approach: length of that way [m].
+        insertions: direction of the straight insertion path of each part, shape (3,).
+        approach: length of that path [m].
     """
     carriers = dict(graph.carriers)
     for name, placed in parts.items():
@@ -174,10 +174,10 @@ def with_insertions(
 
 
 def parts_stacked_on(parts: Mapping[str, PlacedObject]) -> dict[str, frozenset[str]]:
-    """Return for parts in the supply the parts stacked on them, where there are any.
+    """Return the parts stacked on each part in the supply; parts without others on them are left out.
 
     Args:
-        parts: every part where it lies at the start, by name.
+        parts: every part in its start pose, by name.
     """
     bottom = {name: lowest_height(placed) for name, placed in parts.items()}
     floor = min(bottom.values(), default=0.0) + _SINK
@@ -198,7 +198,7 @@ def _below(
     near: Mapping[str, float],
     touch: float,
 ) -> frozenset[str]:
-    """Return the parts that a part rests on: those that it would come much nearer to if it sank."""
+    """Return the parts that a part rests on: those whose gap to it shrinks when it is moved down."""
     item, pose = placed
     sunk = (item, translation(0.0, 0.0, -_SINK) @ pose)
     close = {key: others[key] for key in near if key in others}
@@ -208,16 +208,15 @@ def _below(
 
 @dataclass(frozen=True)
 class StepPrecedence:
-    """Precedence between steps.
+    """Precedence constraints between steps, which are numbered by their position in a list.
 
     Attributes:
-        words: what the steps are, for people.
-        before: for each step, the steps that come before it, and why; numbers are places in the
-            list.
-        any_of: for each step, steps of which one at least comes before it; none where it needs
-            none.
-        closing: by step whose part is held, the steps one of which lets go of it: it
-            comes as soon as it can.
+        words: descriptions of the steps, for messages.
+        before: for each step, the steps that must come before it, with the reasons.
+        any_of: for each step, alternatives of which at least one must come before it; empty without such a
+            constraint.
+        closing: steps after which a robot keeps holding the part, with the steps that release it; one of
+            these is done as early as possible.
     """
 
     words: tuple[str, ...]
@@ -226,31 +225,30 @@ class StepPrecedence:
     closing: Mapping[int, frozenset[int]] = field(default_factory=dict)
 
     def require(self, first: int, then: int, why: str) -> None:
-        """Let one step come before another."""
+        """Require one step before another."""
         if first != then:
             self.before[then].setdefault(first, why)
 
     def with_required(self, first: int, then: int, why: str) -> StepPrecedence:
-        """Return the same precedence with one more pair of steps."""
+        """Return the same constraints with one more pair of steps."""
         out = replace(self, before=tuple(dict(own) for own in self.before))
         out.require(first, then, why)
         return out
 
     def order(self) -> tuple[int, ...] | None:
-        """Return the order nearest to the list, None for a cycle.
+        """Return the first feasible order in lexicographic order of step numbers, None for a cycle.
 
-        The first step that can be done is done first, so no other order that keeps everything
-        comes before it in the order of numbers; but while a part is held, what leads to
-        letting go of it.
+        An exception: while a part is held, the steps that lead to its release come first.
         """
         done = self._greedy_schedule()
         return done if len(done) == len(self.before) else None
 
     def explained(self, lacks: Callable[[Collection[int]], str] | None = None) -> str:
-        """Return in words why there is no order.
+        """Return a text on why there is no order.
 
         Args:
-            lacks: says what keeps steps, which need one of each other, from what stands.
+            lacks: returns a text on the connection that is missing between given steps, which need one of each
+                other, and the structure.
         """
         done = set(self._greedy_schedule())
         stuck = [k for k in range(len(self.before)) if k not in done]
@@ -264,7 +262,7 @@ class StepPrecedence:
                 text = (
                     f"  {self.words[chain[-1]]} needs one of these before it: {others}"
                 )
-                # What comes before it, or it needs one of, and so on.
+                # All direct and indirect predecessors, alternatives included.
                 together = _reached(
                     [chain[-1]], lambda k: self.any_of[k] | self.before[k].keys()
                 )
@@ -277,7 +275,7 @@ class StepPrecedence:
         )
 
     def _greedy_schedule(self) -> tuple[int, ...]:
-        """Return the steps of a greedy schedule, as far as it is feasible."""
+        """Return the steps of a greedy schedule until none is ready."""
         out: list[int] = []
         done: set[int] = set()
         while True:
@@ -314,7 +312,7 @@ class StepPrecedence:
 def _reached(
     start: Iterable[Item], after: Callable[[Item], Collection[Item]]
 ) -> set[Item]:
-    """Return everything reachable from some nodes, themselves included, by the successors of each."""
+    """Return all nodes reachable from some nodes, these included, given the successors of each."""
     found = set(start)
     front = list(found)
     while front:

@@ -1,7 +1,7 @@
-"""Depth of a triangle surface in a convex solid, and whether a point is inside the surface.
+"""Penetration depth of a triangle mesh in a convex solid, and a test whether a point is inside the mesh.
 
-The depth of a point in a convex solid is a concave function. Over a triangle it is bounded from
-above by its tangent planes. Triangles whose bound is greater than the depth found so far are halved.
+The depth of a point in a convex solid is a concave function. Over a triangle, its tangent planes bound it from above.
+Triangles are halved if their bound is greater than the depth found so far.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Distance of the surfaces of two meshes, by their triangles, and free travel until they meet."""
+"""Distance between two triangle meshes, and the free travel of one mesh until it touches the other."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from planning.contacts.surface_depth import winding_number
 from planning.transforms import Array, Transform, inverse
 
 _MEETS = 1e-6
-"""Surfaces that are nearer to each other than this meet [m]."""
+"""Distance below which two surfaces count as touching [m]."""
 
 _MOST_STEPS = 300
-"""Steps of an advancement; with more, what was free until then is returned."""
+"""Greatest number of steps of conservative advancement; then the travel found so far is returned."""
 
 _TREES: BoundedCache[Any] = BoundedCache(64)
 

@@ -1,6 +1,6 @@
-"""Distances and contacts of things at rest, by their convex pieces.
+"""Distances and contacts of objects and fixtures at rest, measured between their convex pieces.
 
-Assemblies of parts and constructions use it, and checks before anything is planned.
+Used by assemblies of parts, by constructions, and by checks before planning.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from planning.geometry.exact import Solid, hull_distance, place_at_middle, resti
 from planning.transforms import Array, Transform
 
 PlacedObject = tuple[CellObject | Fixture, Transform]
-"""A thing and the pose of its frame in the world."""
+"""An object or fixture, and the pose of its frame in the world."""
 
 _NOWHERE = np.zeros(0)
-"""Configuration of what no robot carries."""
+"""Empty configuration, for objects that no robot carries."""
 
 TOUCH = 0.03
-"""Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
+"""Greatest gap between parts that count as touching, which allows joints with clearance [m]."""
 
 NEAR = 0.002
-"""Things this near to each other touch [m]: rounding, and the margin that planning keeps."""
+"""Greatest gap in a contact, to allow for rounding and for the margin of planning [m]."""
 
 
 def nearby_entities(

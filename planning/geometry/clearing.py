@@ -1,7 +1,7 @@
-"""Collision checks of whole motions amid static obstacles, compiled.
+"""Collision checks of whole motions among static obstacles, in compiled code.
 
-Pairs of bodies whose capsules are close are found on shorter and shorter stretches of a motion; pairs whose
-hulls are proved apart there are dropped. Pairs for which nothing is proved are decided exactly afterwards.
+A motion is halved repeatedly to find pairs of bodies whose capsules are close. Pairs whose hulls are proved apart are
+removed. Undecided pairs are returned; the caller computes their exact distances.
 """
 
 from __future__ import annotations
@@ -31,22 +31,24 @@ from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
 BOX, SELF = 0, 1
-"""Kinds of what a body may come close to."""
+"""Kinds of pairs: a body of the robot with a box of an obstacle, or with another body of the robot."""
 
 _RESOLUTION = 0.1
-"""On stretches of a motion that move no link further than this hulls decide [m]. Hulls in motion
-cost more than capsules, and on longer stretches they settle more than capsules on many short ones."""
+"""Greatest displacement of links on a stretch of a motion for which hulls are compared instead of capsules [m].
+
+A comparison of moving hulls is slower, but decides longer stretches than capsules do.
+"""
 
 _ROOM = ZERO + 512
 
 HIT, CLEAR = -1, -2
-"""In the place of a look at a motion: the robot is too close to something; it is nowhere."""
+"""Results in place of the number of a probe: the robot is too close to an obstacle, or everywhere clear."""
 
 _PROBE = 0.35
-"""Joint travel (largest joint) between the configurations looked at before a whole motion [rad]."""
+"""Greatest joint travel between configurations that are probed before the whole motion is checked [rad]."""
 
 _GROUP = 16
-"""Size of groups of boxes that are skipped together where a body is far from all."""
+"""Size of groups of boxes that are skipped together if a body is far from all of them."""
 
 
 class CompiledScene(NamedTuple):
@@ -54,17 +56,15 @@ class CompiledScene(NamedTuple):
 
     Attributes:
         own: bodies of the robot on a stretch of its motion.
-        boxes: corners of what stands, and boxes around it:
-        box_pose: pose of every box, shape (b, 4, 4).
-        box_half: half edge lengths, shape (b, 3).
-        box_bounds: least and greatest corner of each, shape (b, 6).
-        box_limit: least distance of each own body to each of them, SKIP for none, shape (o, b).
-        self_limit: least distance between own bodies, upper triangle, shape (o, o).
-        above: own bodies on the stretch as it is seen from a joint.
-        on_standing, on_itself: room to compare own hulls with those that stand, and with each
-            other.
-        apart: in which direction own hulls were apart last, as their lower joint sees them, shape
-            (o, o, 3).
+        boxes: hulls of static obstacles, each with a bounding box.
+        box_pose: pose of each box, shape (b, 4, 4).
+        box_half: half edge lengths of each box, shape (b, 3) [m].
+        box_bounds: least and greatest coordinates of each box, shape (b, 6) [m].
+        box_limit: least distance between each own body and each box, SKIP for none, shape (o, b) [m].
+        self_limit: least distance between own bodies, upper triangle, shape (o, o) [m].
+        above: own bodies on the stretch, relative to a joint.
+        on_standing, on_itself: work arrays to compare own hulls with static ones, and with each other.
+        apart: last direction that separated two own hulls, in the frame of their lower joint, shape (o, o, 3).
     """
 
     own: SweptBodies
@@ -155,13 +155,13 @@ def pose_joints_above(
 ) -> None:
     """Pose a stretch relative to a joint: only the joints above it move.
 
-    Those below are at zero, so that what was seen on another motion is seen alike.
+    Joints below are set to zero, so that results of other motions can be reused.
 
     Args:
         whole: bodies on the stretch.
-        above: the same bodies, to be moved as they are seen from there.
+        above: the same bodies, which are posed relative to the joint.
         root: the joint.
-        scratch: of ``above`` with itself.
+        scratch: work arrays to compare ``above`` with itself.
     """
     for j in range(whole.q_a.shape[1]):
         a, b = whole.q_a[0, j], whole.q_b[0, j]
@@ -176,7 +176,7 @@ def pose_joints_above(
 def _keep_unproved(scene: CompiledScene, pairs: Indices, count: int, stop: bool) -> int:
     """Move the pairs that are not proved apart to the front; return their number.
 
-    With ``stop`` set, HIT as soon as one of them is proved too close.
+    With ``stop`` set, HIT is returned as soon as one of them is proved too close.
     """
     whole, above = scene.own.hulls, scene.above
     on_standing, on_itself = scene.on_standing, scene.on_itself
@@ -221,10 +221,10 @@ def _search(
     hi: float,
     stop: bool,
 ) -> tuple[int, Array, Indices]:
-    """Return the undecided pairs on a stretch of a motion, HIT as the number of a proved conflict.
+    """Return the undecided pairs on a stretch of a motion; their number is HIT for a proved conflict.
 
-    It is halved until every stretch either clears all capsules or moves none of those
-    that do not by more than the resolution.
+    The stretch is halved until in each part all capsules are clear, or those that are not move by at most the
+    resolution.
     """
     own = len(scene.own.hulls.joint)
     most = own * (len(scene.box_half) + own)
@@ -298,14 +298,14 @@ def find_undecided(
     Args:
         scene: the robot and what stands around it.
         q_a, q_b: ends of the motion, shape (n,).
-        probing: whether to look at configurations, where a conflict is found sooner.
-        whole: whether to look at the motion as a whole at last.
+        probing: whether to check single configurations first, which finds conflicts sooner.
+        whole: whether to check the whole motion afterwards.
         begin: number of probes already done.
-        stop: whether one pair that is proved too close is enough to know.
+        stop: whether to stop at the first pair that is proved too close.
 
     Returns:
-        The number of the look, CLEAR when all is clear, HIT for a pair that is too close, and of
-        what is undecided there the stretches as shares of the motion, shape (k, 2), and rows
+        The number of the probe with undecided pairs, CLEAR if everything is clear, or HIT for a pair that is too
+        close; then, for the undecided pairs, the stretches as shares of the motion, shape (k, 2), and rows
         (kind, own body, other), shape (k, 3).
     """
     groups, room = _group_boxes(scene.box_bounds), 0.0

@@ -1,4 +1,4 @@
-"""Bounds on how far the points of a moving hull deviate from straight lines between its end poses."""
+"""Bounds on how far points of a moving convex hull deviate from straight lines between its end poses."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from planning.kinematics.chain import joint_axis
 from planning.packed import stack_rows
 from planning.transforms import Array
 
-_FEW = 32
-"""Ends of the capsules that nearly no body has more of."""
+_STACK_POINTS = 32
+"""Number of capsule ends for which stack memory is sufficient; few bodies have more."""
 
 
 @inner_kernel
@@ -69,8 +69,8 @@ def deviation_bound(
     if still:
         return 0.0, 0.0, 0.0
     count = last - first
-    points = stack_rows(_FEW, 4)
-    if 2 * count > _FEW:
+    points = stack_rows(_STACK_POINTS, 4)
+    if 2 * count > _STACK_POINTS:
         points = np.empty((2 * count, 4))
     for c in range(count):
         for e in range(2):

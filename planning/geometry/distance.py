@@ -1,4 +1,4 @@
-"""Distances of segments and boxes, compiled."""
+"""Distances of segments and boxes, in compiled code."""
 
 from __future__ import annotations
 

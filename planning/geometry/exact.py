@@ -1,8 +1,8 @@
 """Exact decision whether two moving convex hulls come closer than a clearance.
 
-coal measures the distance of the hulls at the middle of both motions. The displacement of any point from
-there is bounded, so one measurement settles every pair that is clearly apart or clearly too close;
-undecided motions are bisected, down to a tolerance below which closeness is assumed.
+The library coal measures the distance of the hulls at the midpoints of both motions. The displacement of all points
+from there is bounded. One measurement is therefore sufficient if the hulls are clearly apart or clearly too close.
+Other motions are bisected down to a tolerance; hulls that are still undecided then count as too close.
 """
 
 from __future__ import annotations

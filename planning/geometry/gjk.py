@@ -1,4 +1,4 @@
-"""Classification of the distance of two convex hulls (GJK), compiled."""
+"""Classification of the distance of two convex hulls (GJK), in compiled code."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FAR, BETWEEN, CLOSE, TOO_CLOSE = 1, 0, -1, -2
 
 _STEPS = 24
 ROUNDING = 1e-9
-"""Added to every distance that must be proved [m]."""
+"""Margin for rounding errors, added to every distance that must be proved [m]."""
 
 _CERTAIN = 1e-7
 """Margin by which hulls must be too close, or overlap, to count as certain [m]."""

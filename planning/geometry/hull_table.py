@@ -1,4 +1,4 @@
-"""Tables of moving convex hulls for compiled code."""
+"""Tables of moving convex hulls: arrays for compiled code."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AT_REST = -2
 
 
 class HullTable(NamedTuple):
-    """The bodies of an occupancy, for compiled code.
+    """The bodies of an occupancy (the space that a robot sweeps), as arrays for compiled code.
 
     Attributes:
         robot: joints of the robot.

@@ -1,4 +1,4 @@
-"""Two moving carriers, each anywhere on its motion: capsules first, then hulls, compiled."""
+"""Collision checks of two moving robots for all combinations of positions on their motions, in compiled code."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 SweptPiece = tuple[HullTable, Sweeps, int, Indices]
-"""Bodies on a piece of motion, what is swept, in which piece of that, and the bodies' entities."""
+"""Bodies of a robot, swept volumes of its motion, index of the piece of motion, and entity of each body."""
 
 _HALVINGS = 5
 """How often a part is halved before the robots are called too close."""
@@ -55,8 +55,8 @@ def are_pieces_apart(
         a, b: the bodies.
         limits: least distances of entities, SKIP for none, shape (e, e) [m].
         widest: the greatest of them [m].
-        pairs: room for pairs of bodies.
-        scratch: room to work in.
+        pairs: work array for pairs of bodies.
+        scratch: work array.
     """
     count = write_near_pairs(a, b, limits, widest, pairs)
     if count == 0:
@@ -135,7 +135,7 @@ def are_pairs_apart(
         pairs, count: see ``write_near_pairs``, and how many count.
         a, b: bodies on their motion, and their rows and columns in ``limits``.
         limits: least distances [m].
-        scratch: room to work in.
+        scratch: work array.
     """
     (a_hulls, rows), (b_hulls, columns) = a, b
     scratch.posed[0] = scratch.posed[1] = -1
@@ -225,8 +225,8 @@ class _Pair(NamedTuple):
         rows, columns: their entities.
         limits: least distances of entities, SKIP where a pair is not checked, shape (e, e) [m].
         widest: the greatest of them [m].
-        near: room for pairs.
-        scratch: room for the hulls.
+        near: work array for pairs.
+        scratch: work array for the hulls.
         motion: ends of the motion of a, then of b, shape (4, at least n) [rad or m].
     """
 

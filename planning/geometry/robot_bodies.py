@@ -1,6 +1,6 @@
-"""The bodies that move with a robot, collected once for each load.
+"""Bodies that move with a robot: its links and the objects that it holds.
 
-Also the bound on their position error while a skill is under force control.
+The module also bounds the position error of these bodies while a skill is under force control.
 """
 
 from __future__ import annotations

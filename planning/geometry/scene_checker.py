@@ -1,4 +1,4 @@
-"""Collision checks of one moving robot while everything else is static."""
+"""Collision checks of one moving robot among static obstacles."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ from planning.packed import packed
 from planning.transforms import Array
 
 _TOUCHING = 5e-5
-"""Bodies that are so near to each other, or so little in each other, touch, in words [m]."""
+"""Distance or depth of overlap below which messages say that bodies touch [m]."""
 
 _FINE = 2e-5
-"""How true overlaps that are let pass are measured on a motion [m]."""
+"""Tolerance of the check whether a motion exceeds an allowed overlap [m]."""
 
 
 class BodyPair(NamedTuple):
     """A body of a robot and an obstacle, which is carried by the robot or at rest.
 
     Attributes:
-        mine, other: the two.
-        limit: least distance, wherever bases are that may be off [m].
-        together: whether both are carried by the robot.
+        mine, other: the body of the robot, and the obstacle.
+        limit: least distance, for all base errors [m].
+        together: whether the robot carries both.
     """
 
     mine: Solid
@@ -114,19 +114,20 @@ class Contact:
 class SceneChecker:
     """Collision checks of one robot against everything else, which is static.
 
-    Capsules propose; what hulls in motion are not proved apart, coal decides.
+    Capsules around the bodies find close pairs quickly, and most are then proved apart by the moving hulls. For the
+    others, the coal library measures distances.
 
     Args:
         cell: the static cell.
         robot: name of the robot that is checked.
-        state: configurations of the other robots, and where every object is; what the checked
-            robot holds moves with it, and what has no place is not there yet.
+        state: configurations of the other robots, and poses of objects. Objects that the checked robot holds
+            move with it; objects without a pose are absent.
         allowed: unordered pairs of entities that may touch.
-        margin: added to the cell's clearances [m].
-        surroundings: what the checked robot holds, and fixtures and objects at rest, where they are
-            chosen already; the cell's objects and where they are do not count then.
-        deviating: a path, shape (w, n), and how far the flange may be from it; the motions that
-            are checked are those of this path then.
+        margin: addition to the clearances of the cell [m].
+        surroundings: objects that the checked robot holds, and fixtures and objects at rest; they replace those
+            of the cell and the state.
+        deviating: a path, shape (w, n), and the greatest deviation of the flange from it; if given, only motions
+            of this path are checked.
     """
 
     def __init__(
@@ -194,7 +195,7 @@ class SceneChecker:
     def _allow(self, allowed: frozenset[frozenset[str]]) -> None:
         """Write the least distances to obstacles and between own bodies.
 
-        What robots hold keeps the clearance of robots from other robots, and what these hold.
+        Objects held by robots keep the clearance between robots from other robots and from objects that these hold.
         """
         box_limit = self._box_limit.copy()
         mark_allowed_contacts(
@@ -221,11 +222,11 @@ class SceneChecker:
     def seems_free(self, q_a: Array, q_b: Array) -> bool:
         """Tell whether some configurations of the motion are free, shape (n,) each.
 
-        A small part of what ``motion_free`` costs, and hardly ever wrong on short motions.
+        Much cheaper than ``motion_free``, and almost always right on short motions.
 
         Args:
-            q_a: where it begins, which is not looked at.
-            q_b: where it ends.
+            q_a: start of the motion, which is not checked.
+            q_b: end of the motion.
         """
         return self._clear(q_a, q_b, probing=True, whole=False)
 
@@ -233,10 +234,10 @@ class SceneChecker:
         """Tell whether a motion is clear, as far as ``find_undecided`` decides it."""
         # Writable copies: numba recompiles for read-only arrays.
         q_a, q_b = np.array(q_a, dtype=np.float64), np.array(q_b, dtype=np.float64)
-        looks = 0
+        probes = 0
         while True:
             at, when, what = find_undecided(
-                self._scene, q_a, q_b, probing, whole, looks, True
+                self._scene, q_a, q_b, probing, whole, probes, True
             )
             if at < 0:
                 return bool(at == CLEAR)
@@ -250,7 +251,7 @@ class SceneChecker:
                     mine, q0, q1, solid, begin, q1, limit, together=together
                 ):
                     return False
-            looks = at + 1
+            probes = at + 1
 
     def contact(self, q: Array) -> Contact | None:
         """Return the closest forbidden contact at ``q``, shape (n,), None where there is none."""
@@ -275,13 +276,13 @@ class SceneChecker:
                 name = pair.other.name
                 if kind == BOX:
                     thing = self._boxes.names[other]
-                    # A body of another robot is named as one's own.
+                    # Bodies of other robots are named as those of the checked robot.
                     name = f"{thing}:{name}" if "/" in thing else thing
                 yield Contact(pair.mine.name, name, gap, limit, pair)
 
     @property
     def clearance(self) -> float:
-        """Clearance to objects that the robot keeps, and that motions are proved to keep [m]."""
+        """Clearance to objects that checked motions are proved to keep [m]."""
         return self._to_objects + TOLERANCE
 
     def tool_comes_within(self, path: Array, name: str, limit: float) -> bool:
@@ -289,7 +290,7 @@ class SceneChecker:
 
         Args:
             path: waypoints of straight joint-space motions, shape (w, n).
-            name: of the fixture or object; what is not there is far away.
+            name: name of the fixture or object; an absent one is far away.
             limit: least distance, negative for an allowed overlap [m].
         """
         return any(
@@ -305,15 +306,15 @@ class SceneChecker:
         alone = self._only(bodies, column, max(limit, 0.0))
         close = []
         for q0, q1 in motions:
-            # What hulls in motion are proved to be apart by is no nearer than the limit.
+            # Pairs that are proved apart keep the limit.
             _, when, what = find_undecided(alone, q0, q1, False, True, 0, False)
             for (lo, hi), (_, body, _) in zip(
                 when.tolist(), what.tolist(), strict=True
             ):
-                # Contacts that are meant take up what errors there are.
+                # In intended contacts, base errors and deviations are ignored.
                 solid = self._own.solids[body].where_planned
                 close.append((solid, q0 + lo * (q1 - q0), q0 + hi * (q1 - q0)))
-        # What is too near at an end or half-way need not be sought in between.
+        # Ends and middles are cheap to check, and often decide already.
         for solid, q0, q1 in close:
             if any(
                 hull_distance_at(solid, q, box, q) < limit
@@ -329,9 +330,9 @@ class SceneChecker:
         """Return a body of the tool that overlaps a box at rest by more than a depth at ``q``, shape (n,).
 
         Args:
-            q: where the robot is.
-            name: of the fixture or object.
-            depth: of the overlap [m].
+            q: configuration of the robot.
+            name: name of the fixture or object.
+            depth: depth of the overlap [m].
         """
         bodies = self._own.of_entity.get(entity_name(self.robot.name, "tool"), [])
         for column, body in product(self._boxes.columns.get(name, ()), bodies):
@@ -342,7 +343,7 @@ class SceneChecker:
         return None
 
     def _only(self, bodies: Sequence[int], column: int, limit: float) -> CompiledScene:
-        """Return the scene in which only some own bodies are checked, against one box."""
+        """Return the scene in which only some own bodies are checked, and only against one box."""
         scene = self._scene
         box_limit = np.full_like(scene.box_limit, SKIP)
         box_limit[bodies, column] = limit

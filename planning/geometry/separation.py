@@ -1,4 +1,4 @@
-"""Separating planes of moving convex hulls, compiled: a cheap proof that saves exact checks."""
+"""Separating planes of moving convex hulls, in compiled code: a fast proof that replaces most exact checks."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Tables of static obstacles around a robot, boxes and other robots, shared by scenes.
+"""Tables of static obstacles of a robot (boxes, and other robots at rest), shared by many scenes.
 
-An object stands in the same place in very many scenes. All its places are rows of arrays that
-scenes share: a scene is a choice of rows.
+An object has the same pose in many scenes. Therefore every pose of an object is stored once, as rows of shared
+arrays, and a scene is a selection of rows.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Separating planes of whole stretches of motion, compiled: many segments proved apart together.
+"""Separating planes of long pieces of motion, in compiled code: one test for many path segments.
 
-A stretch is a run of segments. Its joint values stay in a box, and near the straight line from its
-beginning to its end: two bounds on the positions of its bodies. Pairs that neither bound proves apart are
-checked in parts, down to single segments (planning.geometry.separation).
+A *stretch* is a sequence of segments of a path. Two bounds on the positions of its bodies are computed: from the
+ranges of its joint values, and from their deviation from the straight line between its ends. If neither bound proves
+two bodies apart, shorter stretches are tested, down to single segments (``planning.geometry.separation``).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MIXED = -2
 
 
 class PosedStretch(NamedTuple):
-    """Posed stretch of an occupancy: a run of its segments.
+    """Joint poses of a stretch: of a sequence of segments of an occupancy.
 
     Attributes:
         span: its segments, ``range(first, last)``, how many stretches were posed, and how many

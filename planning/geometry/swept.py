@@ -1,9 +1,9 @@
 """Capsules that contain the swept volume of a robot on a straight line in joint space.
 
-Each capsule is placed at the middle of the line and its radius grown by a bound of how far any
-of its points gets from there: joint by joint from the tip, a point within r of the joint's axis
-(and displaced by at most m through the joints behind) moves at most (r + m) times half the
-joint's travel. The bound is rigorous, so it holds between samples, too.
+Each capsule is placed at the midpoint of the line. Its radius is increased by a bound on the displacement of its
+points from there, summed over the joints from the tip to the base. A point at distance r from the axis of a joint,
+already displaced by at most m, moves by at most (r + m) times half the travel of the joint. The bound is rigorous:
+it holds on the whole line.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ def sweep_piece(
         q_a, q_b: ends of their motion, shape (n,).
         p: which piece of ``out`` it is.
         out: written.
-        room: room to work in.
+        room: work array.
     """
     body, start = out.body_first[p], out.capsule_first[p]
     capsules, count, moved = hulls.capsule_first, len(hulls.radius), room.moved

@@ -1,7 +1,7 @@
 """Volume that fingers sweep while they close on a part, and the obstacles on their way.
 
-A tool is described with open fingers, and all its motions are checked so. An obstacle between an open
-finger and the part is hit only as the finger closes: a neighbour in a rack of thin parts.
+The shapes of a tool show open fingers, and all motions are checked with open fingers. An obstacle between an open
+finger and the part, such as a neighbour in a rack of thin parts, is hit only when the finger closes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Suction cups: their size from the shapes of a tool, and the widest flat spot on a part."""
+"""Suction cups: cup size from the shapes of a tool, and the largest flat area for a cup on a part."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from planning.grips.shape_grips import part_grips
 from planning.transforms import Array, Transform
 
 _ROUND = float(np.cos(np.pi / 24))
-"""Size of a round cup over that of the polygon around it which descriptions have."""
+"""Ratio of the size of a round cup to that of its polygon in a robot description."""
 
 _SHARE = 0.99 * _ROUND
-"""Cups are looked at so far out: one that is just as wide as a face is on it."""
+"""Share of a cup's radius that is checked, less than 1 for cups as wide as a face."""
 
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
 

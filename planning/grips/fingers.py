@@ -1,9 +1,8 @@
 """Finger grips: friction between the pads and the part.
 
-Each pad presses with the closing force of the tool, evenly on its contact with the part. Friction there
-resists forces along the pads, and torques about the axis between them; under both, slip begins where the
-sum of the squares of the shares is one (the limit surface of a contact patch, approximated by an
-ellipsoid).
+The closing force of the tool presses each pad evenly on its contact area. Friction there resists forces along the
+pad, and torques about the axis between both pads. Each of these loads is divided by its friction limit. Slip begins
+when the sum of the squares of these ratios is one (limit surface of a contact patch, approximated by an ellipsoid).
 """
 
 from __future__ import annotations

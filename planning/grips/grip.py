@@ -1,8 +1,8 @@
-"""Grips on a part of any shape and the rules for them: between two fingers, or by suction.
+"""Grips on a part of any shape, between two fingers or by suction, and the rules for them.
 
-A tool frame's z axis points out of the hand; fingers close along y. Boxes are gripped at their faces. On
-other shapes, lines through the convex pieces show where fingers find opposite faces with room next to them,
-and where a cup finds a flat spot.
+The z axis of a tool frame points out of the hand; fingers close along its y axis. Boxes are gripped at their faces.
+On other shapes, lines through the convex pieces are used to find opposite faces with free space for fingers, and
+flat areas for a suction cup.
 """
 
 from __future__ import annotations

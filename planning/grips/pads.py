@@ -1,10 +1,10 @@
 """Contacts of a tool with the part that it holds: two closing pads, or a cup on a face.
 
-A tool frame's z axis points out of the hand (*depth*), its fingers close along y (*closing*), and x is
-*across*. The pads follow from the tool's own shapes: a body wholly on one side of the plane through the
-frame in which fingers meet closes towards that plane in a straight line until it touches the part. Fingers
-hold a part if pads of both sides touch it, after equal travel; a cup holds it if the whole cup is on its
-face, and the frame in the cup.
+The z axis of a tool frame points out of the hand (*depth*), fingers close along y (*closing*), and x is *across*.
+Pads are derived from the shapes of the tool. Fingers meet at the plane through the tool frame normal to y. A body
+that is entirely on one side of this plane closes towards it in a straight line until it touches the part. Fingers
+hold a part if pads of both sides touch it after equal travel. A cup holds a part if the whole cup is on a face of the
+part and the tool frame is within the cup.
 """
 
 from __future__ import annotations

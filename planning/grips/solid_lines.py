@@ -1,4 +1,4 @@
-"""Straight lines through a shape: the intervals inside it, and the surface normals there."""
+"""Straight lines through a shape: the intervals inside it, and the surface normals at their ends."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from planning.cell.shape import Shape
 from planning.transforms import Array, Indices
 
 _PARALLEL = 1e-12
-"""Cosines below this are those of a line along a plane."""
+"""Cosine below which a line counts as parallel to a plane."""
 
 _JOINED = 1e-5
-"""Pieces that are no further apart than this on a line are one [m]."""
+"""Gap below which two intervals of a line are merged [m]."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Grips by the tools of the robots of a cell: kind of grip, payload and fit."""
+"""Grips of the tools in a cell: kind of grip, payload, and fit of the tool on a part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Handovers of any object between two robots in the air, at given meeting places."""
+"""Handovers of an object between two robots in the air, at given meeting places."""
 
 from __future__ import annotations
 

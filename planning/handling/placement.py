@@ -1,7 +1,7 @@
-"""A step in which an object is placed: its planned skills, and their tasks (APEX-MR IV-A).
+"""Placement of an object as one assembly step: its planned skills and their tasks (APEX-MR IV-A).
 
-Each kind of assembly supplies the skills, their paths and allowed contacts. The dependencies between tasks,
-waits between robots, and contacts with carried objects are the same for all.
+Each kind of assembly supplies the skills, their paths and allowed contacts. Dependencies between tasks, waits
+between robots, and contacts of carried objects are determined here for all kinds.
 """
 
 from __future__ import annotations

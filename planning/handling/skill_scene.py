@@ -1,4 +1,4 @@
-"""The scene of a skill: surroundings of the robot, and collision checkers in each phase."""
+"""Scene of a skill: the surroundings of the robot, and collision checkers for each phase of the skill."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from planning.steps.skill import Pairs, Phase, SkillPath
 from planning.transforms import Array
 
 Placed = tuple[CellObject, Attachment]
-"""An object and where it is."""
+"""An object and its place."""
 
 Objects = Mapping[str, Placed]
-"""Objects by name, and where they are."""
+"""Objects and their places, by name."""
 
 
 @dataclass(frozen=True)
@@ -39,17 +39,15 @@ class SkillScene:
 
     Attributes:
         cell: robots and fixtures; its objects are not used.
-        objects: the objects there, by name, each with where it is; of those at rest only what
-            changes hands, where ``standing`` is given.
-        configurations: of all robots.
+        objects: the objects of the scene with their places, by name. If ``standing`` is given, the only object at
+            rest among them is the one that changes hands.
+        configurations: of all robots, by name.
         contacts: allowed contacts.
-        handed: the object that changes hands in the skill and where it is then, or None.
-        refill: what stands there once the skill is complete, such as the next brick of a
-            feeding station, or None.
-        standing: the fixtures and all objects at rest but for what changes hands, where they are
-            known already.
-        tool: how deep the tool may overlap objects at rest within the skill; None for not at
-            all, and without a limit for those that it may touch.
+        handed: the object that changes hands in the skill, with its place afterwards, or None.
+        refill: object that appears once the skill is complete, such as the next brick of a feeding station, or None.
+        standing: the fixtures and all objects at rest except the one that changes hands, if computed before.
+        tool: how deep the tool may overlap objects at rest in the skill. None for no overlap, without a limit for
+            objects that the tool may touch.
     """
 
     cell: Workcell
@@ -64,9 +62,8 @@ class SkillScene:
     def near(self, path: SkillPath) -> StandingBoxes:
         """Return the fixtures and resting objects that a path may come near to.
 
-        Nothing that could touch is left out: what counts are the capsules swept along the
-        path by the robot and by all that it ever holds on it. The object that changes hands
-        is not among them.
+        The result is conservative: it includes all that the capsules of the robot, and of every object that it holds
+        on the path, may meet. The object that changes hands is not included.
         """
         held = self._held_by(path.robot, after=False)
         if self.handed is not None and self.handed[1].holder == path.robot:

@@ -1,4 +1,4 @@
-"""Target poses of a skill, and the postures in which a robot comes to all of them."""
+"""Target poses of a skill, and the arm postures in which a robot reaches all of them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from planning.steps.skill import Obstruction, SkillPath
 from planning.transforms import Array, Transform
 
 STRIDE = 0.0075
-"""Longest straight path between two subgoals [m]: between them a robot moves on a straight line in
-joint space, which then strays from the straight line in the world by a fraction of a
-millimetre."""
+"""Longest straight path between two subgoals [m]. Between them a robot moves on a straight line in joint space,
+which then deviates from the straight line in the world by a fraction of a millimetre."""
 
 LARGEST_TURN = 1.2
-"""Most that a joint may turn between two subgoals of a skill; more is another arm posture [rad]."""
+"""Greatest turn of a joint between two subgoals of a skill; a greater one is a change of the arm posture [rad]."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +39,15 @@ class Subgoal:
 
 @dataclass(frozen=True)
 class SkillTargets:
-    """One execution of a skill as poses to reach, in order.
+    """Poses that a robot must reach, in order, to execute a skill.
 
     Attributes:
         skill: its name.
-        subgoals: poses in order; the robot comes to each in turn.
+        subgoals: the poses in order.
         change_at: index of the subgoal at which the object changes hands, None if none does: the
             robot takes it, lets go of it, or hands it to the receiver.
-        lead: how many subgoals at the front are goals of transits; the skill's own reference
-            path is ``subgoals[lead:]``.
+        lead: number of first subgoals that are goals of transits; the skill's own reference path is
+            ``subgoals[lead:]``.
     """
 
     skill: str
@@ -76,7 +75,7 @@ def skill_postures(
 ) -> Iterator[SkillPath | Obstruction]:
     """Yield the skill in every start posture found, nearest to HOME first.
 
-    Where a posture does not lead through all poses, or there is none at all, why that is.
+    For a posture in which not all poses can be reached, the reason is yielded instead; likewise if there is none.
     """
     first, lead, at = targets.subgoals[0], targets.lead, targets.change_at
     postures = inverse_kinematics(robot, first.frame, first.pose, robot.home)
@@ -94,10 +93,7 @@ def skill_postures(
 
 def is_possible_in_some_posture(robot: PlacedRobot, targets: SkillTargets) -> bool:
     """Tell whether a skill is possible in some posture, without obstacles."""
-    return any(
-        isinstance(displacement, SkillPath)
-        for displacement in skill_postures(robot, targets)
-    )
+    return any(isinstance(path, SkillPath) for path in skill_postures(robot, targets))
 
 
 def _follow(

@@ -1,4 +1,4 @@
-"""Trial of a skill in a scene: collision checks of its path, and the free posture."""
+"""Collision checks of a skill's path in a scene, and the choice of an arm posture with a collision-free path."""
 
 from __future__ import annotations
 
@@ -17,23 +17,22 @@ from planning.handling.skill_targets import SkillTargets, skill_postures
 from planning.steps.skill import Obstruction, Phase, SkillPath, contacts_with
 from planning.transforms import Array, inverse
 
-_SURELY = 1e-5
-"""Least violation for which a body refuses paths: above the error of distances and poses [m]."""
+_CERTAIN_DEPTH = 1e-5
+"""Least violation of a clearance that rules out a path: above the error of distances and poses [m]."""
 
 _NO_JOINTS = np.empty(0)
-_AS_BEFORE = Obstruction("refused like another path")
+_REFUSED_LIKE_ANOTHER = Obstruction("refused like another path")
 
 
 @dataclass(frozen=True)
 class PathObstacle:
     """Two bodies that blocked a path at one of its configurations.
 
-    Where they are so again, another path of the same scene is refused as well, whatever else is in
-    its way.
+    Another path of the same scene is refused as well if the same two bodies block it, without a check of all others.
 
     Attributes:
-        before: whether that is among the goals of the transits before the skill.
-        at: which of these, or which of the waypoints.
+        before: whether the configuration is the goal of a transit before the skill, not a waypoint of it.
+        at: index among these goals, or among the waypoints.
         pair: the bodies.
     """
 
@@ -52,7 +51,7 @@ class PathObstacle:
     def refuses_all(self, robot: PlacedRobot, targets: SkillTargets) -> bool:
         """Tell whether the two bodies block every path through some poses.
 
-        What the last joint carries is in one place whatever the posture.
+        The pose of what the last joint carries is the same in all postures.
         """
         mine, other, limit, _ = self.pair
         before, lead = self.before, targets.lead
@@ -64,7 +63,10 @@ class PathObstacle:
         goal = goals[self.at]
         joint = goal.pose @ inverse(robot.model.frame_in_last_joint(goal.frame))
         there = Solid(mine.name, mine.body, joint @ mine.local)
-        return hull_distance_at(there, _NO_JOINTS, other, _NO_JOINTS) < limit - _SURELY
+        return (
+            hull_distance_at(there, _NO_JOINTS, other, _NO_JOINTS)
+            < limit - _CERTAIN_DEPTH
+        )
 
 
 class SkillTrial:
@@ -74,9 +76,9 @@ class SkillTrial:
         path: of the skill.
         found: the current obstruction, None for none.
         gone: names of the removed obstacles, in order.
-        touched: names of what the tool grazes or leans on, no deeper than it may; whether it
-            leans on it.
-        hindrance: of the blocking bodies, where they also refuse other paths.
+        touched: True for each object that the tool leans on, False for each that it grazes, by name; both
+            within the allowed depth.
+        hindrance: the bodies that block the path, if other paths can be checked for them; None otherwise.
     """
 
     def __init__(self, path: SkillPath, scene: SkillScene) -> None:
@@ -88,8 +90,8 @@ class SkillTrial:
         self._near = scene.near(path)
         self._built: dict[tuple[bool, bool], SceneChecker] = {}
         self._checkers: dict[Phase, SceneChecker] = {}
-        self._obstructions = self._in_the_way()
-        self.found = self._next()
+        self._obstructions = self._iterate_obstructions()
+        self.found = self._next_obstruction()
 
     def remove_obstacles(self, names: Collection[str]) -> Obstruction | None:
         """Continue without the obstacles among some names; return the remaining obstruction."""
@@ -99,7 +101,7 @@ class SkillTrial:
                 break
             self.gone.append(self.found.by)
             self._checkers.clear()
-            self.found = self._next()
+            self.found = self._next_obstruction()
         return self.found
 
     def resolved(self) -> ResolvedSkill:
@@ -107,15 +109,15 @@ class SkillTrial:
         left = {k: v for k, v in self.touched.items() if k not in self.gone}
         return ResolvedSkill(self.path, frozenset(self.gone), left)
 
-    def _in_the_way(self) -> Iterator[Obstruction]:
+    def _iterate_obstructions(self) -> Iterator[Obstruction]:
         """Yield obstructions of the path, from its start to its end.
 
-        The caller continues after removing the last obstacle: the same place is checked again,
-        and what was clear before it still is.
+        The caller continues after removing the last obstacle. Then the path is checked again from the place of
+        that obstacle on, since a removal leaves the path before it clear.
         """
         waypoints, change = self.path.waypoints, self.path.change_at
         for k in range(len(self.path.lead)):
-            while found := self._at(k, Phase.BEFORE):
+            while found := self._obstruction_at(k, Phase.BEFORE):
                 yield found
         phase = Phase.UNTIL_CHANGE
         for k, (q_a, q_b) in enumerate(pairwise(waypoints)):
@@ -123,11 +125,11 @@ class SkillTrial:
                 phase = Phase.SINCE_CHANGE
             while not self._checker(phase).motion_free(q_a, q_b):
                 yield self._path_obstruction(phase, q_a, q_b)
-        while found := self._at(-1, Phase.AFTER):
+        while found := self._obstruction_at(-1, Phase.AFTER):
             yield found
 
-    def _at(self, k: int, phase: Phase) -> Obstruction | None:
-        """Return the obstruction at a goal of the transits before, or at a waypoint."""
+    def _obstruction_at(self, k: int, phase: Phase) -> Obstruction | None:
+        """Return the obstruction at the goal of a transit before the skill, or at a waypoint."""
         path = self.path.lead if phase is Phase.BEFORE else self.path.waypoints
         contact = self._checker(phase).contact(path[k])
         if contact is None:
@@ -146,22 +148,22 @@ class SkillTrial:
                 )
         return Obstruction("something touches between two subgoals")
 
-    def _next(self) -> Obstruction | None:
+    def _next_obstruction(self) -> Obstruction | None:
         """Return the next obstruction, except contacts that the tool may graze or lean on."""
         found = next(self._obstructions, None)
         while found is not None and self._may_touch(found.by):
             found = next(self._obstructions, None)
-        found = self._pressed_into() if found is None else self._explained(found)
+        found = self._pressed_into() if found is None else self._with_explanation(found)
         if found is not None and found.phase is None:
             self.hindrance = self._overlap_obstacle(found.by)
         return found
 
     def _overlap_obstacle(self, name: str | None) -> PathObstacle | None:
-        """Return a waypoint at which the tool goes deeper into an object than ever allowed."""
+        """Return a waypoint at which the tool penetrates an object deeper than is ever allowed."""
         tool, path = self._scene.tool, self.path.waypoints
         if tool is None or name not in self._near.names[self._near.fixtures :]:
             return None
-        depth = max(tool.grazing, tool.pressing) + _SURELY
+        depth = max(tool.grazing, tool.pressing) + _CERTAIN_DEPTH
         checker = self._checker(Phase.UNTIL_CHANGE)
         pairs = (checker.tool_overlaps(q, name, depth) for q in path[::-1])
         return next(
@@ -173,8 +175,8 @@ class SkillTrial:
             None,
         )
 
-    def _explained(self, found: Obstruction) -> Obstruction:
-        """Return an obstruction that explains where a robot blocks the path as it waits at HOME."""
+    def _with_explanation(self, found: Obstruction) -> Obstruction:
+        """Return an obstruction whose text says so if the blocking robot stands at HOME."""
         name = (found.by or "").partition("/")[0]
         for robot in self._scene.cell.robots:
             if robot.name == name != self.path.robot:
@@ -185,7 +187,7 @@ class SkillTrial:
         return found
 
     def _may_touch(self, name: str | None) -> bool:
-        """Tell whether the tool comes near to an object, but no deeper into it than allowed."""
+        """Tell whether the tool comes near an object, and penetrates it no deeper than allowed."""
         tool = self._scene.tool
         if tool is None or name is None or name in self.touched:
             return False
@@ -205,7 +207,7 @@ class SkillTrial:
         return True
 
     def _pressed_into(self) -> Obstruction | None:
-        """Return an object that the tool may touch, but goes into deeper than allowed."""
+        """Return an object that the tool may touch, but penetrates deeper than allowed."""
         tool, scene = self._scene.tool, self._scene
         if tool is None:
             return None
@@ -223,13 +225,13 @@ class SkillTrial:
 
     def _checker(self, phase: Phase) -> SceneChecker:
         if phase not in self._checkers:
-            checker = self._whole(phase)
+            checker = self._build_checker(phase)
             if self.gone:
                 checker = checker.without(self.gone)
             self._checkers[phase] = checker
         return self._checkers[phase]
 
-    def _whole(self, phase: Phase) -> SceneChecker:
+    def _build_checker(self, phase: Phase) -> SceneChecker:
         """Build one checker for as long as object poses stay the same, whatever the allowed contacts."""
         scene, robot = self._scene, self.path.robot
         allowed = scene.contacts.before
@@ -253,8 +255,8 @@ class SkillTrial:
 def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
     """Return the first obstruction of a skill, None where there is none.
 
-    Checked are the goals of the transits before it, every stretch of its reference path, and
-    its last configuration, from which the next transit starts.
+    The goals of the transits before it are checked, every stretch of its reference path, and its last
+    configuration, from which the next transit starts.
     """
     return SkillTrial(path, scene).found
 
@@ -265,8 +267,8 @@ class ResolvedSkill:
 
     Attributes:
         path: of the skill.
-        gone: names of what must be gone.
-        touched: names of what the tool grazes, False, or leans on, True.
+        gone: names of the objects that must be gone.
+        touched: True for each object that the tool leans on, False for each that it grazes, by name.
     """
 
     path: SkillPath
@@ -280,23 +282,23 @@ def resolve_skill(
     scene: SkillScene,
     loose: Collection[str] = (),
 ) -> ResolvedSkill | Obstruction:
-    """Return the skill in joint space, by the first alternative and the free posture nearest to HOME.
+    """Return the skill in joint space: the first feasible alternative, in the collision-free posture nearest to HOME.
 
     Args:
         robot: the robot.
         alternatives: poses to reach in order, for each alternative.
         scene: of the skill.
-        loose: names of objects that may be gone by then, removed where no posture is free.
+        loose: names of objects that may be gone by then; they are removed if no posture is free otherwise.
 
     Returns:
-        The path, what must be gone and what the tool touches; or why, in the first way, the posture
-        nearest to HOME that came furthest failed.
+        The resolved skill; or the most informative obstruction of the first alternative, among its postures in order
+        of distance to HOME.
     """
     hindrances: list[PathObstacle] = []
     reason: Obstruction | None = None
     for targets in alternatives:
         found = _resolve_posture(
-            robot, targets, scene, loose, hindrances, whether=reason is not None
+            robot, targets, scene, loose, hindrances, existence_only=reason is not None
         )
         if not isinstance(found, Obstruction):
             return found
@@ -312,20 +314,20 @@ def _resolve_posture(
     loose: Collection[str],
     hindrances: list[PathObstacle],
     *,
-    whether: bool,
+    existence_only: bool,
 ) -> ResolvedSkill | Obstruction:
     """Return the skill by one alternative.
 
     Args:
         robot, targets, scene, loose: see ``resolve_skill``.
         hindrances: of other paths; those of this alternative are put before them.
-        whether: only whether there is one matters, not the reason.
+        existence_only: True if only the existence of a skill matters, not the reason why there is none.
     """
-    if whether and any(one.refuses_all(robot, targets) for one in hindrances):
-        return _AS_BEFORE
+    if existence_only and any(one.refuses_all(robot, targets) for one in hindrances):
+        return _REFUSED_LIKE_ANOTHER
     trials: list[SkillTrial | SkillPath | Obstruction] = []
     reason: Obstruction | None = None
-    may_help, settled = False, whether
+    may_help, settled = False, existence_only
     for path in skill_postures(robot, targets):
         # Once it is known why there is none, a posture may be refused for any reason.
         if (
@@ -341,15 +343,15 @@ def _resolve_posture(
             assert isinstance(trial, SkillTrial)
             return trial.resolved()
         trials.append(trial)
-        reason = _more_telling(reason, found)
-        may_help |= (found if whether else reason).by in loose
-        settled = whether or (reason.by is not None and not may_help)
+        reason = _more_informative(reason, found)
+        may_help |= (found if existence_only else reason).by in loose
+        settled = existence_only or (reason.by is not None and not may_help)
         if isinstance(trial, SkillTrial) and trial.hindrance and found.by not in loose:
             hindrances.insert(0, trial.hindrance)
             if settled and trial.hindrance.refuses_all(robot, targets):
                 return reason
     if not may_help:
-        return reason or _AS_BEFORE
+        return reason or _REFUSED_LIKE_ANOTHER
     every = [SkillTrial(t, scene) if isinstance(t, SkillPath) else t for t in trials]
     blocked = _first_free(every, ())
     if isinstance(blocked, Obstruction) and blocked.by in loose:
@@ -369,12 +371,12 @@ def _first_free(
         if found is None:
             assert isinstance(trial, SkillTrial)
             return trial.resolved()
-        reason = _more_telling(reason, found)
+        reason = _more_informative(reason, found)
     assert reason is not None
     return reason
 
 
-def _more_telling(known: Obstruction | None, found: Obstruction) -> Obstruction:
+def _more_informative(known: Obstruction | None, found: Obstruction) -> Obstruction:
     """Return the more informative of two reasons: a collision, then the earlier one."""
     if known is None or (known.by is None and found.by is not None):
         return found

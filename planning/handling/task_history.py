@@ -1,4 +1,4 @@
-"""Tasks so far by action and object, as predecessors of later ones."""
+"""History of tasks by action and object, used to find the predecessors of new tasks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from planning.tasks.task import Task
 
 
 class TaskHistory:
-    """Tasks so far by action and object, as possible predecessors of later ones."""
+    """Tasks so far by action and object: possible predecessors of later tasks."""
 
     def __init__(self) -> None:
         self._tasks: dict[tuple[str, str], list[Task]] = {}

@@ -1,10 +1,10 @@
 """Tool changes at racks: paths, costs, and tasks.
 
-A tool is left in its rack, or taken from there, with the flange at its place on the resting tool. The robot
-approaches straight along its flange's axis and retreats on the same line.
+A robot takes a tool from its rack, or leaves it there, with the flange at its mounting pose on the resting tool. It
+approaches in a straight line along the axis of its flange, and retreats along the same line.
 
-In plans such a tool is an object in the hand of a bare arm. In the search for a single skill the robot has
-one tool throughout: then arm and tool are one body, like those of any other robot.
+In plans such a tool is an object that a bare arm holds. In the search for a single skill the robot has one tool
+throughout: arm and tool are then one body, as for any other robot.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from planning.tasks.task import Handling, TaskKind
 from planning.transforms import Transform, inverse, translation
 
 _RACK_TOUCH = 0.002
-"""A tool in its rack may touch what is nearer to it than this [m]."""
+"""Distance below which a tool in its rack may touch a body [m]."""
 
 _RACK_DEPTH = 0.002
 """Deepest in it: hulls approximate the meshes of a tool, and fill the grooves that a rack reaches into [m]."""
 
 
 def with_each_tool(robots: Iterable[PlacedRobot]) -> Iterator[PlacedRobot]:
-    """Yield each robot with each of its tools mounted; robots that change none as they are."""
+    """Yield each robot with each of its tools mounted, and robots without tool changes unchanged."""
     for robot in robots:
         if not robot.tools:
             yield robot

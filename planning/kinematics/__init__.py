@@ -1,4 +1,4 @@
-"""Forward and inverse kinematics of placed robots, compiled.
+"""Forward and inverse kinematics of placed robots, in compiled code.
 
 Imports cell only.
 """

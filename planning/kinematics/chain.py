@@ -1,4 +1,4 @@
-"""Serial chains as flat arrays, and their forward kinematics, compiled."""
+"""Serial chains as flat arrays, and their forward kinematics, in compiled code."""
 
 from __future__ import annotations
 

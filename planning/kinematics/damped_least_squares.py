@@ -1,7 +1,7 @@
-"""Damped least squares (Levenberg-Marquardt) on the six-dimensional pose error, compiled.
+"""Damped least squares (Levenberg-Marquardt) on the six-dimensional pose error, in compiled code.
 
-The error is the vector between the positions and the rotation vector between the orientations,
-a metre weighing as much as a radian. Joint limits hold at every step.
+The pose error has six components: the difference of the positions [m] and the rotation vector between the
+orientations [rad], with equal weights. Joint limits hold at every step.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from planning.kinematics.chain import JointTable, joint_axis, pose_joints
 from planning.transforms import Array
 
 TOLERANCE = 1e-7
-"""A solution is that close to its target, in metres and in radians."""
+"""Greatest distance [m] and angle [rad] of a solution from its target."""
 
 _STEPS = 80
 _DISTINCT = 1e-4
@@ -95,7 +95,7 @@ def follow_targets(
 
 @inner_kernel
 def _take_nearest_turns(joints: JointTable, q: Array, seed: Array) -> None:
-    """Add whole turns to each joint that turns, within its limits, to bring it near the seed."""
+    """Add whole turns to each revolute joint, within its limits, to bring it near the seed."""
     turn = 2.0 * np.pi
     for j in range(len(q)):
         if joints.prismatic[j]:

@@ -1,6 +1,6 @@
 """Forward and inverse kinematics of placed robots.
 
-Inverse kinematics runs compiled damped least squares from the seed and from random restarts.
+Inverse kinematics runs compiled damped least squares from a given configuration and from random restarts.
 """
 
 from __future__ import annotations

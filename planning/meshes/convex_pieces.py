@@ -1,7 +1,7 @@
-"""Convex decomposition that contains a mesh: hulls of convex bodies, prisms of plates, coacd for the rest.
+"""Convex decomposition of a mesh: hulls of convex bodies, prisms of plates, and coacd for all other bodies.
 
-Every closed body of a mesh is cut on its own. What is cut is compared with the mesh at points of
-its surface: those left out are added to the nearest piece, so that the pieces contain them.
+Every closed body of a mesh is decomposed separately. The pieces must contain the mesh: points on its surface are
+tested, and a point outside of all pieces is added to the nearest piece.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from planning.meshes.prisms import prism_pieces
 from planning.transforms import Array, Indices
 
 _MOST_PIECES = 256
-"""Pieces of a mesh: what has more cannot be planned with."""
+"""Greatest number of pieces of a mesh that the planner can handle."""
 
 _MOST_BODIES = 2000
-"""Bodies of a mesh that do not hang together."""
+"""Greatest number of disconnected bodies of a mesh."""
 
 _MOST_CORNERS = 96
 """Greatest number of corners of a hull; finer ones are enclosed by a coarser one."""
@@ -38,18 +38,18 @@ _SAMPLES = 4000
 """Points spread over the surface, and as many of its vertices, that pieces are compared with."""
 
 _ROUNDING = 1e-5
-"""A point that stands out of a piece by no more is inside [m]."""
+"""A point counts as inside of a piece if it is outside by no more than this [m]."""
 
 _SAME = 1e-6
-"""A body whose volume is that of its hull to within this share is convex."""
+"""A body counts as convex if its volume and that of its hull differ by no more than this share."""
 
 
 class TooManyPiecesError(ShapeError):
     """A mesh needs more convex pieces than the planner can handle.
 
     Attributes:
-        count: convex pieces that it falls into.
-        most: pieces that can be planned with.
+        count: number of convex pieces of the mesh.
+        most: greatest number of pieces that the planner can handle.
     """
 
     def __init__(self, message: str, *, count: int, most: int) -> None:
@@ -63,9 +63,9 @@ class Cut:
 
     Attributes:
         hulls: corners of the convex pieces, each of shape (c, 3) [m].
-        volume: that the mesh encloses; of the pieces, where it is not closed [m^3].
-        centre: of its mass, shape (3,) [m].
-        missed: how far a point of its surface is outside of all pieces at most [m].
+        volume: enclosed by the mesh, or that of the pieces if the mesh is not closed [m^3].
+        centre: centre of mass, shape (3,) [m].
+        missed: greatest distance of a point of the mesh's surface from all pieces [m].
     """
 
     hulls: tuple[Array, ...]
@@ -81,11 +81,11 @@ def cut_convex(
 
     Args:
         triangles: the mesh.
-        within: how deep a hollow may be that a piece fills [m].
-        most: pieces of a body that is no plate: its hollows may be filled as well as not.
+        within: greatest depth of a hollow that a piece may fill [m].
+        most: greatest number of pieces of a non-prismatic body.
 
     Raises:
-        ShapeError: there would be too many.
+        ShapeError: there would be too many pieces.
     """
     bodies = _bodies(triangles)
     if len(bodies) > _MOST_BODIES:
@@ -109,7 +109,8 @@ def cut_convex(
 def _bodies(triangles: MeshTriangles) -> list[tuple[Array, Indices]]:
     """Return the connected components of a mesh, each with vertices and faces of its own.
 
-    MeshTriangles hang together along an edge that no third one has: bodies that touch stay two.
+    Triangles are connected by an edge that exactly two triangles share, so two bodies that touch at an edge stay
+    separate.
     """
     vertices, faces = triangles.vertices, triangles.faces
     edges, face = _edges(faces)

@@ -1,4 +1,4 @@
-"""Holes of a surface, and the share of a closed surface that is missing."""
+"""Closing of holes in a triangle mesh."""
 
 from __future__ import annotations
 

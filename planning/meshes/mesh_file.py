@@ -16,15 +16,15 @@ from planning.transforms import Array, Indices
 
 _SUFFIXES = (".stl", ".obj")
 MOST_BYTES = 256 << 20
-"""Bytes of a file."""
+"""Greatest size of a file [B]."""
 
 _MOST_FACES = 500_000
-"""Triangles of a file."""
+"""Greatest number of triangles in a file."""
 
-_BELIEVED = 5.0
-"""Longest edge that is taken to be in metres where no scale is given [m]."""
+_PLAUSIBLE_M = 5.0
+"""Greatest extent of a mesh without a scale that is plausible in metres [m]."""
 
-_SIMPLER = "simplify it (MeshLab, Blender), or describe the shape by a compound"
+_SIMPLIFY = "simplify it (MeshLab, Blender), or describe the shape by a compound"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +44,12 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTrian
     """Return the triangles of a mesh file.
 
     Args:
-        path: of the file, for its kind and for messages.
-        content: its bytes.
-        scale: factor to metres; None where not stated: 1, if the size is then believable.
+        path: path of the file, for its format and for messages.
+        content: content of the file.
+        scale: factor to metres; None if not given: then 1, if that makes the size plausible.
 
     Raises:
-        ShapeError: it is no mesh, or none that could stand for a body.
+        ShapeError: the file is no valid mesh, or the mesh cannot be the surface of a body.
     """
     import trimesh
 
@@ -62,11 +62,11 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTrian
             loaded = loaded.to_mesh()
         vertices = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
         faces = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
-    except ModuleNotFoundError:  # it takes the bytes for text, and guesses its encoding
+    except ModuleNotFoundError:  # trimesh looks for a package that guesses encodings
         raise ShapeError(
             f"mesh {path} is cut off, or not written as {path.suffix[1:].upper()}: export it again"
         ) from None
-    # Its readers raise whatever the bytes lead them to.
+    # Invalid content can raise any error in the readers of trimesh.
     except Exception as error:
         raise ShapeError(
             f"mesh {path} cannot be read as {path.suffix[1:].upper()} ({error}): export it again"
@@ -77,7 +77,7 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTrian
         )
     if len(faces) > _MOST_FACES:
         raise ShapeError(
-            f"mesh {path} has {len(faces)} triangles, more than {_MOST_FACES}: {_SIMPLER}"
+            f"mesh {path} has {len(faces)} triangles, more than {_MOST_FACES}: {_SIMPLIFY}"
         )
     if not np.all(np.isfinite(vertices)):
         raise ShapeError(
@@ -94,7 +94,7 @@ def read_mesh_bytes(path: Path) -> bytes:
     """Return the content of a mesh file.
 
     Raises:
-        ShapeError: it is not there, of no kind that is known, or too large.
+        ShapeError: the file is missing, too large, or of an unknown format.
     """
     if path.suffix.lower() not in _SUFFIXES:
         raise ShapeError(
@@ -123,7 +123,7 @@ def _in_utf8(content: bytes) -> bytes:
 
 
 def _merged(vertices: Array, faces: Indices) -> MeshTriangles:
-    """Return triangles with equal corners merged, and those without area removed."""
+    """Return the triangles with equal vertices merged, without triangles of zero area."""
     used = np.unique(faces)
     number = np.zeros(len(vertices), dtype=np.int64)
     points, own = np.unique(vertices[used], axis=0, return_inverse=True)
@@ -141,7 +141,7 @@ def _require_size(path: Path, triangles: MeshTriangles, scale: float | None) -> 
         )
     edges = np.ptp(triangles.vertices, axis=0)
     measures = " x ".join(f"{edge:.3g}" for edge in edges) + " m"
-    if edges.max() > (_BELIEVED if scale is None else LARGEST_M):
+    if edges.max() > (_PLAUSIBLE_M if scale is None else LARGEST_M):
         raise ShapeError(
             f"mesh {path} measures {measures}: if it is in millimetres, write scale: 0.001"
             + (" beside it; if it is so large, scale: 1" if scale is None else "")

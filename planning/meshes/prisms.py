@@ -1,8 +1,8 @@
 """Convex pieces of prismatic bodies, whose faces are all parallel or perpendicular to one direction.
 
-Such are plates, boards and milled housings. Between two of its heights the cross section of such
-a body is the same everywhere, so its slices are prisms, and cutting them into convex pieces is
-cutting polygons: exact, and a matter of milliseconds where a general search takes minutes.
+Examples are plates, boards and milled housings. The cross section of such a body is constant between two consecutive
+heights of its faces, so the body consists of prisms. The polygons of the cross sections are divided into convex ones.
+This is exact and takes milliseconds instead of the minutes of a general decomposition.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ Ring = tuple[int, ...]
 """Corners of a polygon by their numbers, counterclockwise."""
 
 _ROUNDING = 1e-9
-"""Hollows that are no deeper are none [m]."""
+"""Hollows that are no deeper than this are ignored [m]."""
 
 _FLAT = 1e-5
-"""What stands out by less than this share of the size of its body is flat."""
+"""A surface is flat if it deviates from a plane by less than this share of the body's size."""
 
 _AXES = 3
-"""Most directions of large triangles that are tried."""
+"""Greatest number of normals of large triangles that are tried as the direction."""
 
-_MANY = 1000
-"""Triangles of a body for which a general search takes long."""
+_SLOW_TO_SEARCH = 1000
+"""A general search takes long for a body with at least this many triangles."""
 
 _SHARES = (1 / 64, 1 / 16, 1 / 4, 1.0)
-"""Shares of the depth of hollows that are tried, the finest first."""
+"""Shares of the allowed depth of hollows that are tried, the finest first."""
 
-_FEW = 64
-"""Finer pieces than have to be are made where they are no more than this."""
+_MOST_FINE_PIECES = 64
+"""Greatest number of pieces that a finer share may make."""
 
 
 def _merge_convex_rings(points: Array, rings: list[Ring], within: float) -> list[Ring]:
@@ -46,10 +46,10 @@ def _merge_convex_rings(points: Array, rings: list[Ring], within: float) -> list
     Args:
         points: shape (c, 2) [m].
         rings: polygons that share edges, such as the triangles of an area.
-        within: how deep a hollow may be [m].
+        within: greatest depth of a hollow [m].
 
     Returns:
-        The corners of the convex hulls of what is left; those that have no width are left out.
+        The corners of the convex hulls of the joined polygons, without those that have no width.
     """
     polygons = dict(enumerate(rings))
     owner = {edge: k for k, ring in polygons.items() for edge in _edges(ring)}
@@ -172,18 +172,18 @@ def prism_pieces(
     Args:
         vertices: of a closed body, shape (v, 3) [m].
         faces: its triangles, shape (f, 3).
-        within: how deep a hollow may be that a piece fills [m]; only shallower ones are filled
-            where that makes few pieces.
-        most: pieces there may be.
+        within: greatest depth of a hollow that a piece may fill [m]; a smaller depth is used if the number of pieces
+            is still small.
+        most: greatest number of pieces.
 
     Returns:
-        Corners of the pieces, each of shape (c, 3) [m]; None where the body is no such body, or
-        there would be too many.
+        Corners of the pieces, each of shape (c, 3) [m]; None if the body is not prismatic, or there would be too many
+        pieces.
     """
     for number, frame in enumerate(_frames(vertices, faces)):
-        # By its largest end alone, what takes few fine prisms is cut, or what is long to search.
-        last = number == _AXES and len(faces) < _MANY
-        few = min(most, _FEW // 2 if last else _FEW)
+        # For a small body, the last direction is only used if few fine prisms result: a general search is fast.
+        last = number == _AXES and len(faces) < _SLOW_TO_SEARCH
+        few = min(most, _MOST_FINE_PIECES // 2 if last else _MOST_FINE_PIECES)
         slabs = _slabs(vertices @ frame.T, faces)
         if slabs is None:
             continue
@@ -210,7 +210,7 @@ def _frames(vertices: Array, faces: Indices) -> Iterator[Array]:
             break
         tried.append(unit[np.argmax(area)])
         area = np.where(np.abs(unit @ tried[-1]) > 1.0 - 1e-6, 0.0, area)
-    # The end of a bar with many sides is larger than each of them, but of many small triangles.
+    # The end face of a bar with many sides is larger than each side, but may consist of many small triangles.
     sign = np.sign(np.take_along_axis(unit, np.abs(unit).argmax(axis=1)[:, None], 1))
     facing, own = np.unique(np.round(unit * sign, 6), axis=0, return_inverse=True)
     whole = facing[np.argmax(np.bincount(own.reshape(-1), doubled))]
@@ -224,7 +224,7 @@ def _frames(vertices: Array, faces: Indices) -> Iterator[Array]:
 
 
 def _slabs(vertices: Array, faces: Indices) -> list[_Slab] | None:
-    """Return the slices of a body along its third axis, None where they are no prisms."""
+    """Return the slices of a body along its third axis; None if they are not prisms."""
     tolerance = _FLAT * float(np.ptp(vertices, axis=0).max())
     corners = vertices[faces]
     across = np.ptp(corners[:, :, 2], axis=1) <= tolerance

@@ -1,7 +1,7 @@
 """Robots that move simultaneously, planned as one robot with all their joints (APEX-MR V-A).
 
-A composite configuration is the robots' configurations one after another. On a straight line
-between two of them all robots move with the same parameter, in lock step.
+A composite configuration is the concatenation of the configurations of all robots. On a straight line between two of
+them, all robots move in proportion, in lock step.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Full turns of joints whose range exceeds one turn.
+"""Choice between joint values that differ by full turns, for joints whose range exceeds one turn.
 
-A wrist that reaches a pose at -170 degrees reaches it at +190 as well. Seen from HOME one of the
-two is a little nearer; seen from where the robot works next, the wrong one costs a whole turn
-once HOME is skipped. So each excursion from HOME to HOME takes the turns that bring it nearest
-to the one before, among those that are hardly further from HOME.
+For example, a wrist reaches the same pose at -170 and at +190 degrees. One of these values is slightly nearer to
+HOME. But the robot may continue to its next pose without returning to HOME; the wrong value then costs a full turn.
+Therefore each excursion from HOME to HOME is shifted by full turns: of the shifts that add little travel from HOME,
+the one is chosen whose first configuration is nearest to the last configuration of the previous excursion.
 """
 
 from __future__ import annotations

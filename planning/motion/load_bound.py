@@ -1,8 +1,7 @@
 """Lower bound of the makespan: the workload of the busiest robot, minimized over all assignments.
 
-For each alternative of a step, the workload of a robot consists of its skills and of the straight joint-space
-distances between them within the step. Motions to and from the step, waits and detours are not counted. Joint
-values that differ by whole turns count as equal.
+The workload of a robot consists of its skills and of the straight joint-space distances between them within each
+step. Motions between steps, waits and detours are not counted. Joint values that differ by full turns count as equal.
 """
 
 from __future__ import annotations

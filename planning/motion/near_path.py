@@ -1,4 +1,4 @@
-"""Nearest points on a polyline."""
+"""Points of a path in joint space that are nearest to given configurations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from planning.transforms import Array, Indices
 
 
 class NearPath(NamedTuple):
-    """Nearest points on a polyline, one per query point.
+    """Points of a polyline in joint space nearest to query points, one for each.
 
     Attributes:
         leg: index of the straight leg that contains each nearest point, from 0, shape (k,).

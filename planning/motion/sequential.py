@@ -1,4 +1,4 @@
-"""Sequential motion planning: tasks are planned one after another, all else is static (APEX-MR IV-B)."""
+"""Sequential motion planning: one task after another, all other robots and objects at rest (APEX-MR IV-B)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Durations of straight joint-space motions, and their subdivision into pose nodes."""
+"""Durations of straight joint-space motions, and their division into nodes of a temporal plan graph."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ _GAIN = 1e-6
 """Least saved time for which a shortcut may add a corner [s]."""
 
 _Check = Callable[[Array, Array], bool]
-"""Tells whether the straight motion to a second configuration is collision-free, including its end."""
+"""Tells whether the straight motion between two configurations is collision-free, including its end."""
 
 
 class MotionChecker(Protocol):
@@ -34,7 +34,7 @@ class MotionChecker(Protocol):
         ...
 
     def seems_free(self, q_a: Array, q_b: Array) -> bool:
-        """Tell whether ``q_b`` and some configurations before it are free."""
+        """Tell whether ``q_b`` and samples of the motion to it are free; quick, but no proof."""
         ...
 
 
@@ -45,15 +45,15 @@ def shortcut_polyline(
     rng: np.random.Generator,
     tries: int,
 ) -> Array:
-    """Return a path of the same ends that is no slower.
+    """Return a path with the same ends that is no slower, by removed corners and random shortcuts.
 
     Args:
         checker: the scene.
         path: free polyline, shape (w, n).
-        speed: what decides which path is faster.
+        speed: speed model that gives durations of paths.
         rng: source of the random shortcuts.
-        tries: number of random shortcuts; two of three move one joint only, which under the
-            L1 speed model gains where a whole shortcut is blocked.
+        tries: number of random shortcuts. Two of three change one joint only, which may save time
+            under the L1 speed model where the shortcut of all joints is blocked.
     """
     path = _drop_corners(checker, path, speed)
     marks = path_times(path, speed)
@@ -117,7 +117,7 @@ ou.setLogLevel(ou.LogLevel.LOG_NONE)
 
 
 class TransitPlanner(Protocol):
-    """Finds a path for one robot while everything else is static, the straight one where it is free."""
+    """Planner of a path for one robot among static obstacles; a straight line where one is free."""
 
     def plan(
         self, checker: MotionChecker, start: Array, goal: Array, seed: int
@@ -130,23 +130,23 @@ class TransitPlanner(Protocol):
 class RrtConnect:
     """OMPL's RRT-Connect, then shortcutting; a straight line where one is free.
 
-    The trees grow by motions that seem free, where a few configurations of them are: only the
-    motions of the path that comes out are proved, and it goes around the few that are not free.
-    The search ends after a number of checked motions, never by the clock, and OMPL's global
+    The trees grow by motions of which only samples are checked. The motions of the resulting path
+    are proved free; each one that is not is replaced by another search between its ends.
+    The search ends after a number of checked motions, not after a time, and OMPL's global random
     generator is seeded before every query: the same query gives the same path.
 
     Attributes:
         lower, upper: joint limits, shape (n,).
-        speed: what paths are shortened by.
+        speed: speed model by which paths are compared.
         reach: longest tree edge (L2 joint distance) [rad].
         checks: motions checked before giving up.
-        smoothing: tries of the shortcutting of the best path.
+        smoothing: random shortcuts tried on the best path.
         good_enough: a path within this ratio of the straight line ends the search for a
             better one.
         tours: independent searches among which the shortest path wins.
-        rough: tries of the shortcutting of each of their paths, enough to compare them.
-        enough: motions checked in all tours before no better path is searched. Where one is
-            hard to find another one is dear, and seldom much better.
+        rough: random shortcuts tried on the path of each tour, to compare them.
+        enough: motions checked in all tours after which no better path is searched. Where the
+            first path takes many, further ones are expensive, and seldom much better.
     """
 
     lower: Array
@@ -168,7 +168,7 @@ class RrtConnect:
         Args:
             checker: the scene.
             start, goal: free configurations, shape (n,).
-            seed: of the search and the shortcutting.
+            seed: seed of the search and of the random shortcuts.
         """
         if checker.motion_free(start, goal):
             return np.array([start, goal])
@@ -223,8 +223,8 @@ class RrtConnect:
         self, check: _Check, start: Array, goal: Array, seed: int, most: int
     ) -> tuple[Array | None, int]:
         """Return a path of motions that pass a check, and the number of checks; see _tour."""
-        # OMPL grumbles that earlier generators are not affected by seeding now: those
-        # belong to earlier queries, and the ones made for this query are.
+        # OMPL warns that existing generators keep their seeds. Those belong to earlier queries;
+        # the generators of this query are created after the seed is set.
         ou.RNG.setSeed(seed + 1)
         n = len(start)
         space = ob.RealVectorStateSpace(n)
@@ -235,7 +235,7 @@ class RrtConnect:
         space.setBounds(bounds)
         information = ob.SpaceInformation(space)
         validator = _Validator(information, check, start, goal)
-        # A motion is checked with its new end, whichever end that is.
+        # The motion validator checks new states together with their motions.
         information.setStateValidityChecker(
             ob.AllValidStateValidityChecker(information)
         )
@@ -262,10 +262,10 @@ class RrtConnect:
 
 
 class _Validator(ob.MotionValidator):  # type: ignore[misc]
-    """Counted motion checks from accepted configurations to new ones.
+    """OMPL motion validator that counts its checks, each from an accepted configuration to a new one.
 
     Args:
-        information: of the space.
+        information: OMPL's space information.
         check: test of motions.
         start, goal: configurations that pass, shape (n,).
     """

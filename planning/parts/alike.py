@@ -1,11 +1,11 @@
 """Assignment of interchangeable parts to goals by the integer program (APEX-MR App. B).
 
-The program has one step per goal, and the parts of the group are the objects of that step. The cost of a pair
-is the length of the arm's path from HOME to the part, to the goal, and back to HOME. Pairs also differ in the
-robots that can reach them, and in the parts that must be removed first. A pick depends on the part only, and a
-placement on the goal only, so each is searched once per part or goal instead of once per pair. Only contacts
-and blocked paths restrict the order of the goals; robots take turns at them, to divide the work with the least
-sum of path lengths and loads. In the resulting assembly each part has one goal, and planning continues as usual.
+The program has one step per goal; the interchangeable parts are the objects of that step. The cost of a pair of part
+and goal is the length of the path of the arm from HOME to the part, to the goal, and back to HOME. Pairs also differ
+in the robots that reach them, and in the parts that must be removed first. A pick depends only on the part, and a
+placement only on the goal, so each is computed once per part or goal and not once per pair. The order of the goals is
+restricted only by contacts and blocked paths. Robots take turns, such that the sum of path lengths and workloads is
+least. In the resulting assembly each part has one goal, and planning continues as usual.
 """
 
 from __future__ import annotations

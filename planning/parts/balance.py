@@ -51,7 +51,7 @@ class PartBalance:
         cell: its fixtures, and the parts that no step places, are the ground.
         steps: in their order.
         rules: friction, joints.
-        standing: of the same steps in whatever order, where it is known already.
+        standing: stability checker of the same steps in any order; None to make one.
         keepable: parts that robots may keep holding until they are joined; any by default.
     """
 
@@ -76,13 +76,13 @@ class PartBalance:
         known = {*self._joining, *self._known_waits()}
         found = balance_dependencies(self._standing, self._build, known, keepable)
         self.fall = found if isinstance(found, UnstableState) else None
-        """The first state in the order of the steps in which something falls, None for none."""
-        self._stand = (
+        """The first unstable state in the order of the steps, None if all are stable."""
+        self._stable = (
             found if isinstance(found, StableBuild) else StableBuild(frozenset())
         )
 
-    def stand(self) -> StableBuild:
-        """Return stability precedences of steps, from 0, and the parts to hold until which step.
+    def stable_build(self) -> StableBuild:
+        """Return the precedences of steps that stability needs, from 0, and until which step parts are held.
 
         Raises:
             InfeasibleStepError: something falls even in the given order; says what would help.
@@ -95,7 +95,7 @@ class PartBalance:
             )
         ground = ground_bodies(self._cell, self._number)
         for k, step in enumerate(self._steps):
-            # A part on its way is taken on while others come: it stands on the ground alone.
+            # At an intermediate stop, other parts come and go: the part must be stable on the ground alone.
             if not isinstance(step, PartStep) or step.step.stop is None:
                 continue
             body = body_at(step.part, step.place)
@@ -108,7 +108,7 @@ class PartBalance:
                     steps=[k + 1],
                     thing=body.name,
                 )
-        return replace(self._stand, waits=self._stand.waits | self._joining)
+        return replace(self._stable, waits=self._stable.waits | self._joining)
 
     def _joined(self) -> tuple[list[tuple[Joint, ...]], Waits]:
         """Return the joints of each step, and the step precedences that follow from them."""
@@ -131,9 +131,9 @@ class PartBalance:
                     yield self._number[name], k
 
     def props(self, fall: UnstableState) -> list[str]:
-        """Return the later parts each of which would keep everything stable.
+        """Return the later parts that would each keep everything stable.
 
-        Those are looked at that touch what falls.
+        Only parts that touch the falling body are tried.
         """
         now = [name for name, k in self._number.items() if k <= fall.step]
         joints = [j for step in self._build[: fall.step + 1] for j in step.joins]
@@ -148,7 +148,7 @@ class PartBalance:
         ]
 
     def refusal(self, fall: UnstableState) -> str:
-        """Return what falls, the reason, and possible remedies."""
+        """Return a message: what falls, the reason, and possible remedies."""
         at, body = fall.step, fall.body
         now = [name for name, k in self._number.items() if k <= at]
         touched = self._standing.touched_by(body)
@@ -173,7 +173,7 @@ class PartBalance:
 def balance_groups(
     steps: Sequence[KnownStep], rules: StandingRules, leaves: Collection[int]
 ) -> Iterator[tuple[int, Sequence[KnownStep], StandingRules]]:
-    """Yield groups of steps that build together, and the rules for them.
+    """Yield the steps of each product or group of products, and the rules for them.
 
     Args:
         steps: of all products, in their order.
@@ -196,7 +196,7 @@ def stability_constraints(
 ) -> StableBuild:
     """Return step precedences and holds with which every product is always stable.
 
-    Where that is not looked at, hold is kept of what steps say.
+    If the assembly does not ask for stability, only the holds that its steps state are returned.
 
     Raises:
         InfeasibleStepError: something falls even in the given order; says what would help.
@@ -207,7 +207,7 @@ def stability_constraints(
     keeps: dict[int, int] = {}
     leaves = assembly.supply.leaves.keys()
     for first, own, rule in balance_groups(steps, assembly.balance, leaves):
-        found = PartBalance(cell, own, rule).stand()
+        found = PartBalance(cell, own, rule).stable_build()
         waits |= {(first + a, first + b) for a, b in found.waits}
         keeps |= {first + k: first + last for k, last in found.keeps.items()}
     return StableBuild(frozenset(waits), keeps)

@@ -1,4 +1,4 @@
-"""Expansion of assignment choices to tasks: pick, place, hold, process (APEX-MR IV-A)."""
+"""Expansion of the choices of an assignment to tasks: pick, place, hold and process (APEX-MR IV-A)."""
 
 from __future__ import annotations
 

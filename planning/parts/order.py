@@ -7,9 +7,9 @@ These rules hold before the search:
 - Parts stacked in the stock are picked from the top.
 - A process follows the placement of its part, and precedes parts that would block its tool.
 
-The first order satisfies these rules and the precedences of the scenario, and is nearest to the order of the
-scenario. If a placed part makes a step infeasible for every robot, that part is placed after the step. If a
-part at its start pose makes it infeasible, that part is placed before the step. Then the next order is tried.
+The first order satisfies these rules and the precedences of the scenario, and is as close as possible to the order of
+the scenario. If a placed part makes a step infeasible for every robot, that part is placed after the step. If a part
+at its start pose makes it infeasible, that part is placed before the step. Then the next order is tried.
 
 A part that would fall (``balance``) is placed after parts that support it. If there are none and a later
 step joins it to other parts, its robot holds it until then, and that step comes as soon as possible.

@@ -1,4 +1,4 @@
-"""Steps of an assembly of parts, with the parts present, their contacts, and their fits."""
+"""Steps of an assembly of parts: the parts present at each step, their contacts, and their fit."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Relays: transfers of a part between robots, or between grips, where no robot can do a step directly.
+"""Relays: transfers of a part between robots, or between grips, if no robot can do a step directly.
 
-A part is laid on the upper face of a fixture, on any of its sides, at a free spot outside its goal place.
-Another robot picks it up from there, or the same robot picks it up with another grip (regrasping). Spots near
-both robots are tried first. A handover in the air is planned only if there is no spot to lay the part down.
+A part is laid on the upper face of a fixture, with any of its sides down, at a free place that is not its goal.
+Another robot picks it up from there, or the same robot picks it up with another grip (regrasping). Places near
+both robots are tried first. A handover in the air is planned only if there is no place to lay the part down.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Paths of assembly steps, alone and next to other robots that hold something."""
+"""Paths of assembly steps: computed for a robot alone, and next to other robots that hold parts."""
 
 from __future__ import annotations
 

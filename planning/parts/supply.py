@@ -1,4 +1,4 @@
-"""Arrivals and departures of parts while the steps of an assembly are done."""
+"""Supply of an assembly: arrivals of parts and departures of products between its steps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Leaving:
     """Parts of finished products that leave the cell together.
 
     Attributes:
-        machine: name of the chain; its task ends when the parts have left.
+        machine: name of the machine; its task ends when the parts have left.
         parts: names and poses of the parts that leave.
     """
 

@@ -1,6 +1,6 @@
 """Precedence between the tasks of consecutive steps, and the time windows between them.
 
-A task begins after those that supply its part, carry its assembly or leave its place.
+A task waits for the tasks that supply its part, transport its assembly, or clear its place.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""An assembly of parts with its candidates, as input of task and motion planning."""
+"""An assembly of parts with its candidates, as the input of task and motion planning."""
 
 from __future__ import annotations
 

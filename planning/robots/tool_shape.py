@@ -1,4 +1,4 @@
-"""Shape of a tool in its rack, where no robot holds it."""
+"""Shape of a tool that rests in its rack."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
     """Return the shape of a robot's tool: the convex hulls of its bodies.
 
     Args:
-        name: of the tool.
+        name: name of the tool.
         model: the robot with the tool mounted.
         mount: pose of the tool in the flange frame.
     """

@@ -1,4 +1,4 @@
-"""Stability of a structure in every state that a build can reach, and the precedences that ensure it.
+"""Stability of a structure in every state that a build can reach, and precedence constraints that ensure it.
 
 Every set of steps that is closed under predecessors is a reachable state. There may be exponentially many such
 sets, but one check per part is sufficient, because contact forces add up. If, for every part, the bodies that are
@@ -136,7 +136,9 @@ class _Build:
         mates = [n for n in range(k) if self._together[n] == self._together[k]]
         before = {*nx.ancestors(self._order, k), k}
         stepwise = any(
-            not joint.endless for n in (*mates, k) for joint in self._steps[n].joins
+            not joint.is_unlimited
+            for n in (*mates, k)
+            for joint in self._steps[n].joins
         )
         if not stepwise and k not in self._whole and self._carried(k, before):
             return None

@@ -1,6 +1,6 @@
 """Contact patch of two convex solids: the contact points and the contact normal.
 
-In files, solids in contact may have a small gap or a small overlap. The contact normal is the direction of the
+In input files, solids in contact may have a small gap or a small overlap. The contact normal is the direction of the
 largest gap, or of the smallest overlap, among the normals of faces and the common normals of edges (separating
 axis theorem). The vertices of each solid within ``SLACK`` of its outermost point along the normal are projected
 onto a plane. The contact points are the corners of the intersection of both projections: contact forces

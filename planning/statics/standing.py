@@ -4,7 +4,7 @@ A part pushes on the parts that it touches (``contact_patch``). Friction keeps t
 contact normal. Joints, such as welds and screws, also bear other forces, and torques. A set of parts is stable if
 forces exist that balance every weight; ``equilibrium`` is the linear program. The set must also be stable when
 gravity is tilted slightly in each of four directions, so a part balanced on an edge does not count as stable.
-Vertical gravity is a combination of the tilted ones, and the forces combine likewise; it needs no check of its own.
+Vertical gravity is a combination of the tilted directions. The forces combine likewise, so it needs no check.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ class Joint:
         first, second: names of the bodies; either may belong to the ground.
         force: largest force that the joint bears along each axis [N].
         torque: largest torque that the joint bears about each axis [N m].
-        gap: room between them, of a connector that is no part [m].
+        gap: distance between them, bridged by a connector that is not a part of the assembly [m].
         by: name of the step that joins them; None for the one that places the later of them.
     """
 
@@ -31,8 +31,8 @@ class Joint:
         return self.first, self.second
 
     @property
-    def endless(self) -> bool:
-        """True if it bears any load."""
+    def is_unlimited(self) -> bool:
+        """True if force and torque have no limit."""
         return math.isinf(self.force) and math.isinf(self.torque)
 
 
@@ -42,11 +42,11 @@ class StandingRules:
 
     Attributes:
         friction: least coefficient of friction of all contacts.
-        tilt: by which gravity may be tilted [rad].
-        touch: bodies that are nearer to each other than this touch [m].
-        joints: what is joined, and when.
-        joined_within: bodies that are nearer to each other than this are joined, too, and these
-            joints bear whatever comes; 0 for none [m].
+        tilt: greatest angle by which gravity may be tilted [rad].
+        touch: distance below which two bodies count as touching [m].
+        joints: joints between named bodies.
+        joined_within: distance below which two bodies count as joined without limits of force and torque, besides
+            ``joints``; 0 for none [m].
     """
 
     friction: float = 0.4

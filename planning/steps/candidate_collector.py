@@ -24,11 +24,11 @@ class CandidateCollector:
     Attributes:
         home: HOME of each robot, shape (n,).
         primaries, supports: the candidates, in the order in which they were found.
-        incompatible: pairs of their numbers that cannot go together.
-        clashing: pairs of numbers of primaries of different steps that cannot go together.
+        incompatible: pairs (primary, support), by number, that cannot be combined.
+        clashing: pairs of primaries of different steps, by number, that cannot be combined.
         dropped: numbers of primaries that are excluded afterwards.
-        rejections: what is not a candidate, and why.
-        blockers: by step, how often each obstacle blocked it.
+        rejections: rejected candidates, with reasons.
+        blockers: number of rejections by each obstacle, for each step.
     """
 
     def __init__(self, robots: Iterable[PlacedRobot]) -> None:
@@ -48,12 +48,12 @@ class CandidateCollector:
     def accept(
         self, step: int, what: str, found: Found | Obstruction, robot: str | None = None
     ) -> Found | None:
-        """Return a found path, or None for an obstruction, which is noted as a reason.
+        """Return a found path, or None for an obstruction, which is recorded as a rejection.
 
         Args:
-            step: counted from 1.
-            what: was tried, for people.
-            found: for it.
+            step: number of the step, from 1.
+            what: description of what was tried, for messages.
+            found: result of the attempt.
             robot: the robot; None for no particular one.
         """
         if not isinstance(found, Obstruction):
@@ -68,7 +68,7 @@ class CandidateCollector:
         reason: Obstruction | str,
         robot: str | None = None,
     ) -> None:
-        """Note why something is no candidate, and count its obstacles."""
+        """Record a rejection with its reason, and count its obstacle."""
         if isinstance(reason, str):
             reason = Obstruction(reason)
         self.rejections.append(Rejection(step, what, reason.words, robot, reason.by))

@@ -24,8 +24,8 @@ class Assembly(ABC):
 
     Attributes:
         problem: the assignment problem.
-        product: number of steps that make a product, and are planned together; 1 where steps make none.
-        spare_steps: number of last steps that are only done where further products are ordered or others fail.
+        product: number of steps of one product, which are planned together; 1 without products.
+        spare_steps: number of steps at the end that are only done if more products are ordered or others fail.
     """
 
     problem: AssignmentProblem
@@ -57,17 +57,17 @@ class Assembly(ABC):
 
     @property
     def needs(self) -> frozenset[tuple[int, int]]:
-        """Pairs of steps (from 1): without the first, something would fall after the second.
+        """Pairs of steps (from 1): if the first were left out, a part would fall after the second.
 
-        A part that is joined across a gap does; what touches need not be among them.
+        Pairs whose parts touch may be missing; pairs that are joined across a gap are not.
         """
         return frozenset()
 
     @property
     def passing(self) -> Mapping[str, tuple[int, ...]]:
-        """Steps (from 1) of each object that lies where others come after it, by its name.
+        """Steps (from 1) of each object at a place that other objects take after it, by its name.
 
-        It lies in a source, or where it is put down between two steps.
+        The place is a source, or one where the object is put down between two steps.
         """
         return {}
 
@@ -78,7 +78,7 @@ class Assembly(ABC):
 
     @property
     def wanted(self) -> int:
-        """Number of first steps that are wanted as long as nothing fails and nothing else is ordered."""
+        """Number of steps from the first on that are done if nothing fails and no more products are ordered."""
         return self.steps - self.spare_steps
 
     def first(self, count: int) -> Self:
@@ -86,11 +86,11 @@ class Assembly(ABC):
         return replace(self, problem=self.problem.of_first(count))
 
     def with_spares(self, step: int, there: Collection[str]) -> Self | None:
-        """Return the assembly with spare objects for a step whose own is lost; None without others.
+        """Return the assembly with spare objects for a step whose own object is lost; None without spares.
 
         Args:
             step: counted from 1.
-            there: objects that lie where they were at the start.
+            there: objects that are still at their start poses.
         """
         return None
 

@@ -344,7 +344,7 @@ class TaskPlan:
     """Choices for all steps, in order.
 
     Attributes:
-        choices: one a step.
+        choices: one per step.
         taken: objects taken by steps so far, by number.
         present: names of the objects that have come up by now.
     """

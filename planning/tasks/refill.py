@@ -15,9 +15,9 @@ class Refill:
     """Parts that arrive at a source once it is empty.
 
     Attributes:
-        machine: name of the chain; its task ends when the parts have arrived.
+        machine: name of the machine; its task ends when the parts have arrived.
         parts: names and poses of the parts that arrive.
-        arrivals: chain of the conveyor along which they come, None for other sources.
+        arrivals: name of the conveyor that transports the parts, None for other sources.
         buffer: parts that may wait on the conveyor, None for any number.
     """
 

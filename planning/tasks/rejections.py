@@ -14,8 +14,8 @@ def explain_rejections(problem: AssignmentProblem, step: int) -> str:
     """Return the reasons why candidates of a step were rejected, one per line.
 
     Args:
-        problem: with its rejections.
-        step: counted from 1.
+        problem: the assignment problem, with its rejections.
+        step: number of the step, from 1.
     """
     ordered = _by_reason(problem, step)
     if not ordered:

@@ -1,4 +1,4 @@
-"""Tasks, steps and time windows as data, with handlings and allowed contacts (APEX-MR IV-A)."""
+"""Tasks, steps and time windows as data, with transfers of objects and allowed contacts (APEX-MR IV-A)."""
 
 from __future__ import annotations
 

@@ -26,12 +26,12 @@ else:
 def task_graph(tasks: Iterable[Task], dependencies: Indices) -> TaskGraph:
     """Return the task graph of tasks.
 
-    Nodes are the indices of tasks, with the ``task``, and as ``target`` the configuration at which its
-    robot ends it, shape (n,), None of a task without a path. An edge from a to b says that a must be
-    complete before b starts; its ``kind`` is ORDER or DEPENDENCY, the latter where it is both.
+    Nodes are the indices of tasks. Their attributes are the ``task`` and its ``target``: the configuration at which the
+    robot ends the task, shape (n,), or None for a task without a path. An edge from a to b says that a must be
+    complete before b starts. Its ``kind`` is ORDER or DEPENDENCY; DEPENDENCY if it is both.
 
     Args:
-        tasks: in the order in which robots do theirs.
+        tasks: in an order in which each robot can do its own.
         dependencies: pairs (a, b) of indices: a must be complete before b starts, shape (e, 2).
     """
     graph: TaskGraph = nx.DiGraph()

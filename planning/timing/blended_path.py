@@ -1,10 +1,10 @@
-"""Polylines passed at the full speed of each leg, with blended corners.
+"""Blended paths: polylines with constant speed on each line segment and smooth velocity changes at the corners.
 
-Transits follow a *blended path*: a polyline at the full speed of each leg, and at each corner the velocity
-goes from that of the one leg to that of the other over a window of time, half of it before the corner. The
-acceleration rises, stays and falls meanwhile. Windows may overlap, where legs are short; as long as
-they begin and end in the order of the corners, the velocity is a mean of those of the legs, so no
-joint is faster than on all of them.
+Transits follow blended paths. A robot passes each line segment at full speed. At a corner, its velocity changes from
+that of one segment to that of the next within a time window, half of it before the corner. In this window the
+acceleration rises, stays constant and falls. Windows of short segments may overlap. If they begin and end in the
+order of the corners, the velocity is a weighted mean of the velocities of the segments, so no joint exceeds its
+greatest speed on these segments.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Stops during a skill: braking along the path within limits, and resumption of the motion.
 
 A motion is a spline whose control points lie on the path. Up to a stop it is unchanged. Then new control points
-reduce the speed smoothly to 0, in the fewest time steps within limits. If no number of steps is sufficient, as
-near the end of a skill, the motion continues until one is, or to its end. After the stop the motion resumes along
+reduce the speed smoothly to 0, in the fewest time steps within limits. Where the robot cannot stop within limits, such
+as near the end of a skill, the motion continues until it can, or to its end. After the stop the motion resumes along
 the same path from rest.
 """
 

@@ -1,8 +1,8 @@
 """Bounds of the motion along a path besides joint limits: tool speed and joint effort.
 
-The fastest motion along a curve is searched piece by piece. Joint effort is the sum of gravity, a term
+The fastest motion along a curve is computed piece by piece. Joint effort is the sum of gravity, a term
 proportional to the acceleration along the path, and a term proportional to the squared speed along the path. At
-each sample it therefore bounds speed and acceleration in the same way as acceleration limits do.
+each sample, an effort limit therefore bounds speed and acceleration in the same way as an acceleration limit.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 A skill follows a *rounded path*. Within a length h before and after each corner, the curvature rises linearly up
 to the corner and falls linearly after it. With x the arc length from the corner and d the change of direction,
-this adds d (h - abs(x))^3 / (6 h^2) to the polyline. Terms of neighbouring corners add up: many short lines that
-bend evenly have an even curvature.
+this adds d (h - abs(x))^3 / (6 h^2) to the polyline. Terms of neighbouring corners add up: the curvature is nearly
+constant along many short segments with equal angles between them.
 """
 
 from __future__ import annotations

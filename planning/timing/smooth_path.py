@@ -1,15 +1,16 @@
 """Time-optimized motion of a skill along its reference path within the limits of a robot.
 
 The robot stops at sharp corners, and wherever an object changes hands. In between, gentle corners are rounded
-within ``STRAY`` of the polyline, far within the margins of the collision checks. The rounded path is passed in an
-S-curve over time: speed rises, stays constant and falls with bounded jerk. Where a stop at a corner is faster,
-the robot stops there.
+within ``STRAY`` of the polyline, far within the margins of the collision checks. The speed along the rounded path
+follows an S-curve: it rises, stays constant and falls with bounded jerk. If a stop at a corner is faster, the robot
+stops there.
 
-The motion is a uniform cubic spline over time. The arc length along the path is an S-curve: pieces of constant
-jerk whose durations are whole numbers of time steps. The curve points at its control values are the control
-points of the motion. The spline lies in the convex hull of its control points, so it stays near the curve. Its
-speeds, accelerations and jerks are differences of control points divided by powers of the time step. The least
-time step within all limits therefore follows directly; the durations of the pieces are found by a search.
+The motion is a uniform cubic spline over time. The arc length over time is a cubic spline, too; its pieces have
+constant jerk, and their durations are whole numbers of time steps. The points of the path at the control values of
+this spline are the control points of the motion. The motion lies in the convex hull of its control points, so it
+stays near the path. Its speeds, accelerations and jerks are differences of control points divided by powers of the
+time step. The least time step within all limits therefore follows directly; the durations of the pieces are found by
+a search.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Replanning of the remaining steps of an assembly: begun steps continue, the others are reassigned.
 
 The integer program is that of the whole assembly. Every begun step keeps its choice, and unavailable robots and
-objects are excluded. Costs, workload balance and dependencies between choices are therefore those of one plan
-for the whole assembly.
+objects are excluded. Costs, workload balance and dependencies between choices are therefore the
+same as in a plan of the whole assembly.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Close bodies on two stretches of motion, compiled, and the state of a dual-tree descent.
+"""Search for bodies that come close on two motions (dual-tree descent), in compiled code, and its state.
 
-Pairs of bodies are excluded by separating planes, over shorter and shorter stretches of both motions; on two
-segments convex hull distances decide.
+Separating planes exclude pairs of bodies on stretches of both motions. Stretches are halved down to single segments;
+for pairs that remain there, the distances of the convex hulls are computed.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class DescentRoom(NamedTuple):
         where: shares of both motions at which proposed pairs come close, shape (room, 2).
         on_a, on_b: stretches, posed.
         planes: direction in which two bodies were apart last, shape (bodies, bodies, 3).
-        scratch: room for the hulls.
+        scratch: work array for the hulls.
     """
 
     stack: Indices

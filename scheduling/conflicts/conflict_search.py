@@ -1,10 +1,10 @@
-"""Search for conflicts of two occupancies: a dual-tree descent over two swept sequences.
+"""Search for the conflicts between two occupancies, with one bounding-volume tree for each of them.
 
-Of the conflicts of two robots only some need edges: for each node the last earlier node of the other robot
-that comes too close, unless a preceding node waits for it already. Blocks are pruned when their volumes are
-apart, when they are outside the window from ``floor`` to ``limit``, and when edges found so far imply their
-conflicts. Below the leaves, pairs of bodies are excluded by separating planes, over shorter and shorter
-stretches of both motions; on single segments convex hull distances decide.
+An occupancy is the swept volume of consecutive motion segments of a robot. Both trees are descended together. A
+pair of subtrees is skipped when their volumes are apart, when it is outside the requested range of nodes, or when
+edges found so far already order all its conflicts. Only necessary edges are returned: for each node, the last
+node of the other robot that it must wait for. At the leaves, separating planes exclude pairs of bodies over
+successively shorter parts of the motion. Single segments conflict if their convex hulls are too close.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""A temporal plan graph with cached derived data, and the occupancies of its parts and their conflicts.
+"""A temporal plan graph with cached derived data: its occupancies and the conflicts between them.
 
-``DerivedTpg`` has the order of the nodes, the entities and their allowed contacts, the places of objects,
-and all occupancies. It is used wherever edges are added, proved or changed.
+``DerivedTpg`` caches the order of the nodes, the allowed contacts, the locations of objects over time, and all
+occupancies. It is used wherever edges are added, verified or changed.
 
-An ``Occupant`` is something that takes up space: some nodes of a chain, some holds of a robot, or an object
-at rest. Whether two of them conflict depends on their content and their allowed contacts, not on the edges.
+An ``Occupant`` takes up space: some nodes of a robot, a robot at rest between two nodes, or an object at rest.
+Whether two occupants conflict depends on their geometry and their allowed contacts, not on the edges.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Histories of handled objects by node: carried, at rest within a node, or between nodes.
+"""Location of each handled object at each node: carried by a robot, or at rest within a node or between nodes.
 
-Histories follow from the handlings in planned order. An object that appears later, such as a further brick
-of a feeding station, is absent before its first handling, which places it. After a handover the standing
-receiver holds the object until its next node, which then carries it.
+Locations follow from the picks, placements and handovers in planned order. An object that is supplied later,
+such as a further brick of a feeding station, does not exist before the node that delivers it. After a handover
+the receiving robot holds the object at rest until its next node, in which it carries the object.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Node = tuple[int, int]
 
 @dataclass(frozen=True)
 class ObjectSpan:
-    """An interval of nodes in which an object is part of a robot's occupancy.
+    """An interval of nodes in which an object is part of the swept volume of a robot.
 
     Attributes:
         object: its name.

@@ -1,8 +1,8 @@
-"""Occupancy of nodes: swept volume of robot, tool and handled objects, segment by segment.
+"""Occupancy of nodes: the swept volume of a robot, its tool and its handled objects, segment by segment.
 
-Every node is cut into straight joint-space segments, in each of which no point of the robot moves
-further than ``MOTION``. The swept volume of a segment contains the whole continuous motion, so no
-collision is missed between samples.
+The path of every node is divided into straight joint-space segments, in each of which no point of the robot
+moves further than ``MOTION``. The swept volume of a segment contains the whole continuous motion, so no
+collision between samples is missed.
 
 An object that a node picks up or puts down belongs to the occupancy of the whole node: at rest before
 the pick or after the placement, and carried in between. So a conflict with the object at rest is a

@@ -1,9 +1,10 @@
-"""Sequence of swept segments, with a binary tree of bounding blocks over it.
+"""Sequence of swept segments with a binary tree of bounding volumes.
 
-A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The capsules of a
-leaf are placed at the middle of its joint ranges, and enlarged by a rigorous bound on the displacement from
-there. A larger block takes the capsules of one of its halves, enlarged until they contain the capsules of the
-other half. Single segments have no stored capsules: tests of their convex hulls are sharper.
+A block of the tree contains consecutive segments. It stores one bounding box, and a bounding capsule for each
+capsule of the robot. The capsules of a leaf block are placed at the middle of its joint ranges, and enlarged by
+an upper bound on the displacement from there. A larger block takes the capsules of its first or second half,
+enlarged until they contain the capsules of the other half. Single segments store no capsules, because tests of
+their convex hulls are tighter.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Nodes in which robots stand while their tools close or open."""
+"""Nodes during which a robot stands still while its tool closes or opens."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 
 def actuation_nodes(tpg: TemporalPlanGraph) -> list[dict[int, Actuation]]:
-    """Return the actuations of each chain by node.
+    """Return the tool actuations of each chain (all nodes of one robot), by index of the node.
 
     In a contracted graph, actuations within joined nodes are left out.
     """

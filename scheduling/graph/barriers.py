@@ -1,4 +1,7 @@
-"""Barriers between the slots of a synchronous plan, as edges of a graph (APEX-MR V-A)."""
+"""Synchronization barriers between the slots of a synchronous plan, as edges of a graph (APEX-MR, section V-A).
+
+In a slot every robot does at most one task. A slot begins when the one before it is complete.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Schema of the arrays in plan.npz: type, shape and range, declared with each field.
+"""Schema of the arrays in plan.npz: type, shape and range, declared as field annotations of dataclasses.
 
-A field ``duration: Annotated[Array, Column("nodes", least=0.0)]`` is the array ``<prefix>duration``.
+For example, ``duration: Annotated[Array, Column("nodes", least=0.0)]`` is stored as ``<prefix>duration``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""State machine over a temporal plan graph: which nodes may start; it has no clock."""
+"""State machine over a temporal plan graph that reports which nodes may start. It has no clock.
+
+A node is a piece of the motion of one robot.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,11 @@ from planning.errors import PlanInvariantError
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 
 Node = tuple[int, int]
-"""A chain's index in ``tpg.chains``, and the index of a node in it."""
+"""Index of a chain in ``tpg.chains``, and index of a node in this chain."""
 
 
 class Dispatcher:
-    """Reports which nodes have become safe as others complete (APEX-MR IV-D).
+    """Reports which nodes may start as others complete (APEX-MR, section IV-D).
 
     A node is *safe* once every node that precedes it by an edge is complete. A robot works its
     nodes one after the other, so at most one node of each robot is safe and incomplete.

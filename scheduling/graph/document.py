@@ -1,4 +1,4 @@
-"""Mapping between a temporal plan graph and the content of plan.json and plan.npz."""
+"""Conversion of a temporal plan graph to the content of plan.json and plan.npz, and back."""
 
 from __future__ import annotations
 
@@ -215,8 +215,8 @@ def read_graph(
     """Return the graph that plan.json and plan.npz describe.
 
     Args:
-        document: what there is.
-        arrays: the numbers.
+        document: content of plan.json.
+        arrays: content of plan.npz.
         models: robot types by name, used before the registry and URDF files.
         folder: where URDF files are searched.
 

@@ -1,19 +1,18 @@
-"""Temporal plan graphs as files: plan.json for the structure, plan.npz for the numbers.
+"""Files of a temporal plan graph: plan.json with its structure and plan.npz with its arrays.
 
-plan.json is a ``PlanDocument`` with format, version and the hash of plan.npz. ``model`` of a robot is
-a name of the registry; null says that the robot is read from ``urdf``, which is stored with its meshes next
-to the plan. ``sha256`` is that of the description and the meshes that the robot
-collides with: a plan is refused when they have changed.
+plan.json is a ``PlanDocument`` with format, version and the hash of plan.npz. For each robot, ``model`` is a name
+in the registry of robot models, or null if the robot is read from ``urdf``, which is stored with its meshes next
+to the plan. ``sha256`` is the hash of the URDF file and the collision meshes. A plan is refused if it differs.
 
-plan.npz has the columns of ``TemporalPlanGraph``, and of its chains as ``chain_<i>_`` and
-``chain_<i>_rounded_``; rows are in the order of plan.json, poses (4, 4) matrices; SI units:
-    robot_<i>_base (4, 4), robot_<i>_home (n,), robot_<i>_frames (f, 4, 4); where it keeps to limits
-    robot_<i>_limits (3, n) and robot_<i>_caps (3,), in which 0 is none
-    shape_<name>_pose (e, 4, 4); of element k, a mesh, shape_<name>_<k>_{vertices (v, 3),
+plan.npz has the columns of ``TemporalPlanGraph``, and those of its chains with the prefixes ``chain_<i>_`` and
+``chain_<i>_rounded_``. Rows have the order of plan.json. Poses are (4, 4) matrices, and units are SI units:
+    robot_<i>_base (4, 4), robot_<i>_home (n,), robot_<i>_frames (f, 4, 4); if the robot has timing limits,
+    robot_<i>_limits (3, n) and robot_<i>_caps (3,), in which 0 means no limit
+    shape_<name>_pose (e, 4, 4); if element k is a mesh, shape_<name>_<k>_{vertices (v, 3),
     faces (f, 3), corners (of all hulls, 3), centre (3,)}
     fixture_size (f, 3), fixture_pose (f, 4, 4), object_size (o, 3), object_start (o, 4, 4)
     task_path (all values), task_shape (tasks, 2), task_handling_pose (h, 4, 4),
-    handling_pose (h, 4, 4), products (tasks,) where there are several
+    handling_pose (h, 4, 4), products (tasks,) if there are several
 """
 
 from __future__ import annotations

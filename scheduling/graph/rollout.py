@@ -1,4 +1,7 @@
-"""Earliest and latest times of nodes when all start as early as the graph allows."""
+"""Earliest start and end times and latest end times of the nodes of a temporal plan graph.
+
+In the earliest schedule every node starts as soon as the graph allows. Latest end times keep its makespan.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mapping between a cell and the content of plan.json and plan.npz."""
+"""Conversion of a workcell to the content of plan.json and plan.npz, and back."""
 
 from __future__ import annotations
 

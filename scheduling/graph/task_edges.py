@@ -1,4 +1,4 @@
-"""The nodes of each task, and the type-2 edges that task dependencies require."""
+"""Nodes of each task, and the edges between nodes of different robots that task dependencies require."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The multi-modal temporal plan graph (TPG) as data (APEX-MR IV-C).
+"""Data structure of the multi-modal temporal plan graph (TPG; APEX-MR, section IV-C).
 
 A node is a piece of motion of one robot: from the last waypoint of the node before it, through
 its own waypoints, to the last of them. Pose nodes have one waypoint, skill nodes their whole
@@ -32,7 +32,7 @@ TASK_DEPENDENCY = 0
 MOTION_CONFLICT = 1
 
 Causes = npt.NDArray[np.uint8]
-"""TASK_DEPENDENCY or MOTION_CONFLICT, one an edge."""
+"""TASK_DEPENDENCY or MOTION_CONFLICT, one per edge."""
 
 SECONDS = Column(("nodes",), least=0.0, largest=LATEST_S)
 """Schema of times of nodes [s]."""

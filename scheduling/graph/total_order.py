@@ -1,11 +1,11 @@
-"""The total order of all nodes (planned start, then task, then node), and graphs as arrays in it.
+"""Total order of all nodes of a temporal plan graph, and array operations on graphs in this order.
 
-Every type-2 edge follows this order, so a temporal plan graph has no cycle. Task indices settle
-ties (a robot's index never does): zero-length nodes start when the node before them does.
+Nodes are sorted by planned start, then by task index, then by position in the task. Robot indices never break a
+tie. Every edge between robots follows this order, so the graph has no cycle.
 
-Order between chains is kept as vector clocks, and transitive reduction takes one pass. The clock of a node holds, for
-each robot, its last node that must be complete before the node may start. One look-up tells whether one node precedes
-another.
+Precedence between robots is stored as vector clocks. The clock of a node holds, for each robot, its last node
+that must be complete before the node may start. One look-up tells whether one node precedes another, and
+transitive reduction takes one pass.
 """
 
 from __future__ import annotations

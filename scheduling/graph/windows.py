@@ -1,10 +1,10 @@
-"""Time windows between tasks: elapsed times, violations, and edges that hold robots back.
+"""Time windows between tasks: elapsed times, violations, and edges that delay robots so that windows are kept.
 
-A window opens when a node is complete, and another node is due in it. To keep it, timed edges delay its
-opening: they lead to the first node of the opening task, from nodes of other robots that the due node needs
-as well: the last of each robot from whose start the longest path to the due node may take too long. Such an
-edge holds until the rest of that path fits, or its source is complete. It never comes from a node that
-waits for the delayed one, so there is no cycle: every run ends, under any delays.
+A time window bounds the time from the end of one task to the start of another. The second task could start too
+late if it also waits for a slow third robot. Timed edges prevent this: they delay the first task until the
+remaining path from the third robot to the second task is short enough, or until the source of the edge is
+complete. A timed edge never starts at a node that waits for the delayed task, so there is no cycle, and every
+execution ends under any delays.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Beam search for a better precedence of the tasks of different robots.
+"""Beam search for the order of tasks of different robots, to shorten the makespan.
 
-Every robot keeps its own order of tasks; the search is over their interleaving: a path through the grid of
-how many tasks each robot has completed, the task-completion diagram of O'Donnell and Lozano-Perez (1989). A
-step of the path is allowed where the plan stays safe in sequential execution: the predecessors of the task
-are done, and it is clear of standing robots and resting objects. It is rated by the completion times of all
-robots when all nodes start as early as the temporal plan graph of this order allows.
+Every robot keeps its own order of tasks; only their interleaving is searched. A state is the number of tasks
+that each robot has completed (task-completion diagram; O'Donnell and Lozano-Perez, 1989). A search step completes
+one further task. It is allowed if the task could be executed alone in this state: its predecessors are complete,
+and it is free of collisions with robots and objects at rest. A partial order is rated by the completion times of
+all robots when all nodes start as early as its temporal plan graph allows.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ BLOCK_GAP_S = 1e-6
 
 
 class _DoneUnit(NamedTuple):
-    """A completed unit of a robot, and the one before it."""
+    """A completed unit (task with nodes) of a robot, and the unit before it."""
 
     unit: int
     ends: Array

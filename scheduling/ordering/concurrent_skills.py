@@ -1,8 +1,8 @@
-"""Collision checks of a composite transit in parallel to skills: clear of their whole swept volumes.
+"""Collision checks of a multi-robot transit against the whole swept volumes of skills executed at the same time.
 
-A skill follows its reference path and takes a time that is unknown in advance, so the transit cannot move in
-lock step with it. Motion and skill are compared as in the conflict search, which therefore finds no conflict
-between them later.
+The duration of a skill, such as a pick, is not known in advance. So the transit cannot be synchronized with it, and
+must avoid the whole swept volume of the skill. Geometry and tolerances are those of the conflict search, which
+therefore finds no conflict between the two later.
 """
 
 from __future__ import annotations

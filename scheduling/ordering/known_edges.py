@@ -1,4 +1,4 @@
-"""Edges of a graph with a given task order, from cached relations between pairs of tasks."""
+"""Edges of a graph for a given task order, from cached conflicts and dependencies between pairs of tasks."""
 
 from __future__ import annotations
 

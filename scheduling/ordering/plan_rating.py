@@ -1,7 +1,8 @@
 """Rating of task plans by the makespan of their temporal plan graphs.
 
-The integer program adds up distances; it does not model waits between robots. A plan is rated by its own
-motions, the best order of its tasks that a beam search finds, and transits smoothed past HOME.
+The integer program of the task assignment adds up distances and does not model waits between robots. To rate a plan,
+its motions are planned, the best task order is found by a beam search, and transits are shortened so that they need
+not pass through the home configuration. The rating is the resulting makespan.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.known_edges import connect_in_order
 from scheduling.ordering.relations import TaskRelations
 from scheduling.ordering.reordering import find_blocks, put_in_order
-from scheduling.shortcuts.shortcutting import smooth_runs
+from scheduling.shortcuts.shortcutting import smooth_spans
 from scheduling.shortcuts.static_scene import SmoothedPathCache
 
 _WIDTH = 8
@@ -102,7 +103,7 @@ class PlanRater:
         chains = put_in_order(nodes.chains, relations, order)
         graph = DerivedTpg(connect_in_order(chains, relations, order))
         if self._shortcuts:
-            graph = smooth_runs(
+            graph = smooth_spans(
                 graph.tpg,
                 self._settings.speeds,
                 step=self._settings.step,

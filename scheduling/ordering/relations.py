@@ -1,7 +1,7 @@
-"""Conflicts and dependencies between pairs of tasks, whichever of the two comes first.
+"""Conflicts and dependencies between pairs of tasks, independent of the order of the two.
 
-Tasks with nodes are *units*, numbered robot by robot. A relation holds for the nodes as they are, however the
-tasks of different robots are interleaved. Each relation is computed on first use, and cached.
+A task that has nodes is called a *unit*; units are numbered robot by robot. A relation between two units is the
+same for every interleaving of the tasks of different robots. It is computed on first use and cached.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Reordering of the tasks of a temporal plan graph for a shorter makespan.
 
-The input plan decides the precedence of conflicting nodes (APEX-MR IV-C). A sequential
-plan was not made with robots in mind that work simultaneously: it lets one place a brick before the
-other picks, though they might pick together. So its order is searched again, and the edges are
-made again from the same nodes.
+At first, conflicting nodes have the order of the sequential input plan (APEX-MR, section IV-C). This order can cause
+unnecessary waits: one robot places a brick before another one picks, although both could do this at the same
+time. So a better order of tasks is searched, and the edges are rebuilt from the same nodes.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Plans that use only some of the robots, rated against the plan that may use all.
+"""Plans that use only a subset of the robots, compared with the plan that may use all robots.
 
-The integer program shares steps out among all robots and does not model waits between robots. Where every
-step depends on the one before it, a third robot saves no time, it only blocks the others. So with more than
-two robots, each subset of at least two of them is given the work as if the others could do none of it, and
-its plan is rated by the makespan of its graph. The other robots stay at HOME. The plan of a cell with fewer
-robots is then among the plans of a cell with one more, unless that one is an obstacle even at HOME.
+The integer program of the task assignment distributes steps over all robots and does not model waits between
+robots. Where every step depends on the one before it, a third robot saves no time and only blocks the others.
+Therefore, with more than two robots, the work is also planned for each subset of at least two of them, and each
+plan is rated by its makespan. Unused robots stay at their home configuration. The plans for a cell with one more robot
+thus include the plans for the cell without it, unless this robot is an obstacle even there.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _MOST_CREWS = 32
 
 
 def robot_subsets(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
-    """Yield subsets of robots: those that may do everything, while other capable ones idle.
+    """Yield subsets of robots that do all the work while the other robots stay idle.
 
     Args:
         problem: the work of all robots.

@@ -1,10 +1,9 @@
-"""Synchronous baseline: robots work in slots and wait for each other (APEX-MR V-A, App. E).
+"""Synchronous baseline: robots work in slots and wait for each other (APEX-MR, section V-A and appendix E).
 
-In a slot every robot does its next task or waits; the next slot starts when everyone has
-finished. Tasks keep the order of the sequential plan wherever two of them cannot be done at
-once. A robot without conflicts moves as in the sequential plan, at its own pace;
-transits that would collide are planned as one robot, in lock step. As in the paper, all transits
-of a slot can be planned so, whether they would collide or not.
+In a slot every robot does its next task or waits. The next slot starts when all robots have finished. Tasks
+that cannot be done at the same time keep the order of the sequential plan. A robot without conflicts follows
+its path of the sequential plan with its own timing. Transits that would collide are planned jointly, as one
+robot with all joints. Optionally, as in the paper, all transits of a slot are planned jointly.
 """
 
 from __future__ import annotations

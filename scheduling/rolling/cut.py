@@ -1,9 +1,9 @@
-"""Cuts of a temporal plan graph: the committed prefix, and the world after it.
+"""Division of a temporal plan graph at a point of its execution, into a committed part and a part to be replanned.
 
-A cut has one border for each chain. The nodes before it are the *committed prefix*: all released nodes, and
-those that can be completed without the steps to be replaced. Committed nodes wait for committed nodes only,
-so they are executed to the end whatever comes after the cut, and no robot standing at the cut blocks any of
-them: any that would is ordered after a node beyond it.
+The *committed prefix* contains all released nodes, and all nodes that can be completed without the steps to be
+replaced. The other nodes come after the cut. Committed nodes wait only for committed nodes, so they can be
+executed to the end whatever is planned after the cut. No robot that stops at the cut blocks a committed node: a
+node that it would block must wait for a node after the cut, and is therefore not committed.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Extension of a cut graph by motions planned from the world at the cut.
+"""Extension of the committed nodes of a graph by newly planned motions.
 
-All committed nodes come before all new ones in the total order, so edges point from committed to new ones
-and there is no cycle. Edges among committed nodes, and among new ones, exist already; only conflicts
-between the two are searched. The union keeps the invariant of every graph, and is checked like every graph
-before execution.
+The committed nodes are executed whatever the new plan is. They come before all new nodes in the total order, so
+edges point from committed to new nodes and there is no cycle. Edges among committed nodes and among new nodes exist
+already; only conflicts between the two sets are searched. The combined graph satisfies the same safety
+invariant, and is checked like every other graph before execution.
 """
 
 from __future__ import annotations

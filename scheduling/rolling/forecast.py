@@ -1,4 +1,4 @@
-"""Forecast of the completion time of a graph in execution."""
+"""Forecast of the completion time of a temporal plan graph during its execution."""
 
 from __future__ import annotations
 

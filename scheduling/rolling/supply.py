@@ -1,8 +1,9 @@
-"""Deliveries to a cell during execution, as nodes of machines.
+"""Deliveries of objects to a cell during execution, as nodes of machines in a temporal plan graph.
 
-A delivered object is nowhere before its delivery. The node of the delivery comes before all others in the
-order of the graph, so that all robots keep clear of its place from the start, and all tasks on it wait for
-the node. A plan that begins in a world has no history, so it begins with the unfinished work of machines.
+A delivered object does not exist before its delivery. The delivery node comes before all other nodes in the
+total order. So all robots keep the place of the object free from the start, and all tasks on the object wait
+for the delivery. When a plan starts from an intermediate state of an execution, it begins with the unfinished
+tasks of machines.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Transit runs with corners that may be rounded, and the nodes along their bends."""
+"""Rounded corners of transits: paths with corners that may be rounded, and the nodes along each curve.
+
+A transit run is a sequence of straight joint-space segments of one robot, with corners that may be rounded.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ _SHORTEST = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class TransitRun:
-    """Consecutive straight legs of a robot with corners that may be rounded in between.
+    """Consecutive straight segments (legs) of a robot path, with corners that may be rounded.
 
     Attributes:
         pace: of the robot.

@@ -1,13 +1,12 @@
-"""Runs of pose nodes that may be shortened, and candidate paths to replace them (APEX-MR IV-C).
+"""Spans of transits that may be shortened, and candidate paths that may replace them (APEX-MR, section IV-C).
 
-Consecutive transits are one run, so HOME between them can be skipped. A run ends at a skill, where the
-robot's load changes, at an explicit goal, and where a robot waits for another one's task, or is waited for:
-a shortcut must neither skip such a point nor let another robot pass it too early.
+A span consists of consecutive transits, so a shortcut can skip the home configuration between them. It ends at a
+skill, where the load of the robot changes, at an explicit goal, and at a task that waits for another robot or for
+which another robot waits. A shortcut must not skip such a point.
 
-During the shortcut search a shorter path has as many nodes as the path that it replaces; at the end nodes
-on one straight line are merged where that makes no difference. A node without successors on other robots
-and the next one without predecessors there are one piece of motion: whoever waits for one waits for the
-other, under any delays, and together they sweep the same volume.
+During the shortcut search, a new path has as many nodes as the path that it replaces. At the end, adjacent
+nodes on one straight line are merged if no wait changes: the first has no successors on other robots, and the
+second has no predecessors there. The merged node has the same swept volume.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from scheduling.graph.temporal_plan_graph import (
 LINE, CORNER, JOINT, SMOOTH = "line", "corner", "joint", "smooth"
 
 SHAPES = (LINE, SMOOTH, CORNER, CORNER, JOINT)
-"""Shapes of candidates, each as likely as it stands here."""
+"""Shapes of candidates, drawn with equal probability; CORNER is listed twice."""
 
 _STRAIGHT = 1e-9
 """Directions whose components differ by less, the largest being 1, are the same."""
@@ -41,7 +40,7 @@ _ON_THE_WAY = 1e-9
 
 @dataclass(frozen=True)
 class TransitSpan:
-    """Pose nodes ``first`` to ``last`` of a chain, both included.
+    """Span of consecutive transits: pose nodes ``first`` to ``last`` of a chain, both included.
 
     The node before ``first`` exists: out-edges of skipped nodes move to it.
     """
@@ -52,7 +51,7 @@ class TransitSpan:
 
 
 def find_spans(graph: DerivedTpg) -> list[TransitSpan]:
-    """Return the runs of at least two pose nodes, chain by chain, in order."""
+    """Return the transit spans of at least two pose nodes, chain by chain, in order."""
     tpg = graph.tpg
     robot_of = {task.index: task.robot for task in tpg.tasks}
     between = [
@@ -174,7 +173,7 @@ def join_nodes(
 
     Args:
         graph: the graph.
-        spans: runs of pose nodes in which nodes may be joined.
+        spans: transit spans in which nodes may be joined.
         step: longest time between pose nodes [s].
     """
     tpg = graph.tpg

@@ -1,8 +1,8 @@
-"""Rounding of transit corners where it is free and saves time, so that robots need not stop there.
+"""Rounding of transit corners, so that robots need not stop there.
 
-The swept volume of a bend is checked like that of a shortcut: first against static obstacles, then against
-all other nodes, with the order that they get. Which corners are rounded, and how much, follows from the
-times that the robot's limits require; the makespan never grows.
+A corner is rounded where this is free of collisions and saves time. The swept volume of the curve is checked
+first against static obstacles, then against all other nodes, which determines their order. The corners and the
+amount of rounding are chosen for the shortest time within the limits of the robot. The makespan never increases.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from scheduling.pace import paces
 from scheduling.shortcuts.bends import BentNodes, NodesLeft, TransitRun, find_runs
 from scheduling.shortcuts.candidates import find_spans
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals
+from scheduling.shortcuts.replacement_check import ReplacementConflicts
 from scheduling.shortcuts.rewiring import Swap, rewire
 from scheduling.shortcuts.stand_check import are_standing_robots_clear
 from scheduling.shortcuts.static_scene import StaticSceneCache
@@ -145,7 +145,7 @@ class _Rounder:
             for low, high in run.bends(path, curve):
                 chain = self.graph.tpg.chains[run.chain]
                 found = left.bent(chain, path, low, high)
-                blocked = (low, high) if found is None else self._take(found)
+                blocked = (low, high) if found is None else self._insert_bend(found)
                 if found is None or blocked is not None:
                     _shorten(run, most, windows, first, blocked or (low, high))
                     self._undo(before, swaps)
@@ -153,7 +153,7 @@ class _Rounder:
                 swaps.append(found.swap)
         return swaps
 
-    def _take(self, found: BentNodes) -> tuple[float, float] | None:
+    def _insert_bend(self, found: BentNodes) -> tuple[float, float] | None:
         """Insert the nodes of a bend, or return the blocked part of the path."""
         graph, nodes, swap = self.graph, found.nodes, found.swap
         scene = self._scenery.scene_during(graph, swap.chain, swap.first, swap.last)
@@ -165,8 +165,8 @@ class _Rounder:
         occupant = occupant_of_nodes(
             graph, swap.chain, swap.first, swap.last + 1, nodes
         )
-        rivals = Rivals(graph, self._pieces, swap, occupant)
-        candidate = rewire(graph, swap, nodes, rivals.edges(graph))
+        conflicts_of_new = ReplacementConflicts(graph, self._pieces, swap, occupant)
+        candidate = rewire(graph, swap, nodes, conflicts_of_new.edges(graph))
         if not are_standing_robots_clear(candidate, self._pieces, swap, occupant):
             return float(found.times[0]), float(found.times[-1])
         self.graph = candidate

@@ -1,4 +1,7 @@
-"""Pieces of the chains of a graph, cut so that every shortenable run has its own."""
+"""Division of the nodes of each robot into pieces, for reuse of their swept volumes and conflicts.
+
+The nodes are divided at the ends of all sequences of transits that may be shortened.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +26,11 @@ _LONGEST = 128
 
 
 class GraphPieces:
-    """All chains of a graph, cut so that every shortenable run consists of whole pieces.
+    """All chains of a graph, divided such that every transit span that may be shortened consists of whole pieces.
 
     Args:
         tpg: the graph.
-        spans: the runs.
+        spans: these transit spans.
         conflicts: searches conflicts between pieces and others, or knows them already.
     """
 

@@ -1,8 +1,9 @@
-"""Conflicts of replacement nodes with other robots' nodes, and the edges they require.
+"""Conflicts of replacement nodes with nodes of other robots, and the edges that these conflicts require.
 
-New nodes are checked against every node of another robot that is not ordered with all of them
-already; ``stand_check`` considers robots that stand meanwhile, ``static_scene`` what never moves. Of two that conflict, the one that is earlier in the total order goes first; a new node has
-the place of the one that it replaces.
+A replacement node is a new piece of motion in place of an existing node. It is checked against all nodes of other
+robots whose order with it is not yet fixed. Of two conflicting nodes, the one earlier in the total order goes first.
+A new node takes the position of the node that it replaces. ``stand_check`` checks robots at rest, and
+``static_scene`` checks static obstacles.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from scheduling.shortcuts.graph_pieces import GraphPieces
 from scheduling.shortcuts.rewiring import Edge, Swap
 
 
-class Rivals:
-    """Other robots' nodes that are unordered against some new nodes, and their conflicts.
+class ReplacementConflicts:
+    """Conflicts of new nodes with the nodes of other robots that are not ordered with them.
 
-    Those that come before the first replaced node, or after the last one, go before or after all
-    new nodes wherever these stand in the total order: they are searched once. Edges (robot, node,
+    Nodes before the first replaced node or after the last one in the total order go before or after all
+    new nodes at any place of these; their conflicts are searched once. Edges (robot, node,
     robot, node) have the new nodes numbered from ``swap.first``.
 
     Args:
@@ -46,8 +47,8 @@ class Rivals:
             low, high = np.clip(turns, done + 1, after).tolist()
             self._between[other] = low, high
             ones = np.ones(swap.count, dtype=np.int64)
-            self.outside += self._go_first(other, done + 1, low * ones)
-            self.outside += self._wait(other, high * ones, after)
+            self.outside += self._edges_to_new_nodes(other, done + 1, low * ones)
+            self.outside += self._edges_from_new_nodes(other, high * ones, after)
 
     @property
     def choice(self) -> bool:
@@ -58,20 +59,20 @@ class Rivals:
         """Return the type-2 edges that the new nodes require.
 
         Args:
-            ordered: the graph, with the nodes that are to be replaced where the new ones are to
-                stand in the total order.
+            ordered: the graph, with the nodes to be replaced at the places of the new ones in the
+                total order.
         """
         swap, found = self._swap, list(self.outside)
         own = ordered.ranks[swap.chain][swap.first : swap.last + 1]
         for other, (low, high) in self._between.items():
             if low < high:
-                # Of the other's nodes, how many come before each new node.
+                # Number of the other robot's nodes before each new node.
                 turn = np.clip(np.searchsorted(ordered.ranks[other], own), low, high)
-                found += self._go_first(other, low, turn)
-                found += self._wait(other, turn, high)
+                found += self._edges_to_new_nodes(other, low, turn)
+                found += self._edges_from_new_nodes(other, turn, high)
         return found
 
-    def _go_first(self, other: int, first: int, turn: Indices) -> list[Edge]:
+    def _edges_to_new_nodes(self, other: int, first: int, turn: Indices) -> list[Edge]:
         """Return edges from nodes of another robot, from ``first`` on, to the new nodes, by rank."""
         edges, chain, at_least = [], self._swap.chain, self._swap.first
         search = self._pieces.conflicts.search
@@ -83,7 +84,7 @@ class Rivals:
                 edges.append((other, at + u, chain, at_least + v))
         return edges
 
-    def _wait(self, other: int, turn: Indices, stop: int) -> list[Edge]:
+    def _edges_from_new_nodes(self, other: int, turn: Indices, stop: int) -> list[Edge]:
         """Return edges from the new nodes to nodes of another robot up to ``stop``, by rank."""
         edges, swap, search = [], self._swap, self._pieces.conflicts.search
         for at, piece in self._pieces.between(self._graph, other, int(turn[0]), stop):

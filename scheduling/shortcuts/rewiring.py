@@ -1,8 +1,9 @@
-"""Edges and chains after a replacement of nodes (APEX-MR IV-C, extended to N robots).
+"""Edges and node chains of a graph after some nodes of one robot are replaced.
 
-In-edges of the replaced nodes go to the last new node, out-edges of all but the last one start
-at the node before. An order u -> a_p ... a_q -> w with p <= q held through the replaced nodes;
-with the edges moved apart it would be lost, so u -> w is added.
+The method is that of APEX-MR, section IV-C, extended to N robots. Incoming edges of the replaced nodes are moved
+to the last new node. Outgoing edges of all replaced nodes but the last are moved to the node before the first. If
+u preceded w along a path u -> a_p ... a_q -> w through replaced nodes a_p to a_q, the moved edges no longer imply
+this order, so the edge u -> w is added.
 """
 
 from __future__ import annotations
@@ -78,7 +79,8 @@ def rewire(
 def reorder_nodes(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTpg:
     """Return the graph with some nodes of a chain moved in the total order.
 
-    They are to be replaced, and so have no edges that matter; the first and the last of them stay.
+    The nodes are replaced afterwards, so their edges do not matter. The last one keeps its
+    place; the others move next to it (LATE) or to the first one (EARLY).
 
     Args:
         graph: the graph.

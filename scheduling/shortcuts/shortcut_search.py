@@ -1,4 +1,4 @@
-"""State of the shortcut search: shortenable runs, and the effect of a candidate on the graph."""
+"""State of the shortcut search: transits that may be shortened, and the change of the graph by a candidate path."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from scheduling.shortcuts.candidates import (
     remove_waypoints_on_lines,
 )
 from scheduling.shortcuts.graph_pieces import GraphPieces
-from scheduling.shortcuts.replacement_check import Rivals
+from scheduling.shortcuts.replacement_check import ReplacementConflicts
 from scheduling.shortcuts.rewiring import (
     EARLY,
     IN_PLACE,
@@ -37,46 +37,46 @@ from scheduling.shortcuts.rewiring import (
 from scheduling.shortcuts.stand_check import are_standing_robots_clear
 from scheduling.shortcuts.static_scene import SmoothedPathCache, StaticSceneCache
 
-_LATER = 1e-9
+_SAME_MAKESPAN = 1e-9
 """Makespans that differ by less are the same [s]."""
 
 _GAIN = 1e-6
-"""Least time that a shortcut has to save its robot [s]."""
+"""Least duration that a shortcut saves in its chain [s]."""
 
 _LEAST = 5e-5
-"""Least time that a shortcut has to save its robot, as a share of the makespan."""
+"""Least duration that a shortcut saves in its chain, as a share of the makespan."""
 
 _WORTH = 3e-4
-"""Shortcutting continues while those of a window shorten the makespan by this share of it."""
+"""Shortcutting continues while the candidates of a window shorten the makespan by this share."""
 
 _FEWEST = 500
 """Least number of candidates in a window."""
 
 _PASSES = 2
-"""How often each run is smoothed as a whole."""
+"""How often each span is smoothed as a whole."""
 
 _SLACK = 1e-3
-"""The makespan hangs on nodes that could end less than this later [s]."""
+"""Nodes with less slack than this are critical for the makespan [s]."""
 
 
 Candidate = tuple[int, int, int, Array]
-"""A span, the nodes of it to replace, and the path that takes their place."""
+"""Number of a span, its first and last node to replace, and the path in place of them."""
 
 
 class ShortcutSearch:
-    """Current graph, and its runs that may be shortened.
+    """Current graph, and the transit spans in it that may be shortened.
 
     Args:
         tpg: the graph.
         speeds: speed model of each robot.
         step: longest time between pose nodes [s].
-        passes: how often each run is smoothed as a whole.
-        known, conflicts: what was found for other graphs, None to find all again.
+        passes: how often each span is smoothed as a whole.
+        known, conflicts: caches filled for other graphs; None to begin with empty ones.
 
     Attributes:
-        graph: as it is now.
-        spans: the runs.
-        window: how many candidates must pay together, see ``shorten_tpg``.
+        graph: the current graph.
+        spans: the transit spans.
+        window: number of candidates after which progress is judged, see ``shorten_tpg``.
     """
 
     def __init__(
@@ -109,21 +109,21 @@ class ShortcutSearch:
         """Makespan of the current graph [s]."""
         return float(self.graph.rollout.makespan)
 
-    def saved_time_bound(self, before: float) -> bool:
-        """Tell whether the plan has become shorter by enough to continue [s]."""
+    def has_saved_enough(self, before: float) -> bool:
+        """Tell whether the makespan is shorter than before by enough to continue [s]."""
         return before - self.makespan >= _WORTH * self.makespan
 
     @property
     def searched(self) -> bool:
-        """True when every relevant run has been smoothed as a whole, more than once."""
+        """True once every critical span has been smoothed as a whole in all passes."""
         return self._passes == 0
 
     def step(self, rng: np.random.Generator) -> None:
-        """Draw a candidate, and accept it if it pays; queue parts of a refused one."""
+        """Draw a candidate, and accept it if it is an improvement; queue parts of a refused one."""
         drawn = self.draw(rng)
         if drawn is not None:
-            taken = self.try_candidate(*drawn)
-            if self._smoothing and not taken:
+            accepted = self.try_candidate(*drawn)
+            if self._smoothing and not accepted:
                 self._split(*drawn[:3])
 
     def _span_excess(self, which: int) -> float:
@@ -169,12 +169,12 @@ class ShortcutSearch:
         return self._faster_candidate(which, first, last, path)
 
     def _next_part(self) -> tuple[int, int, int] | None:
-        """Return a part of a transit span to smooth: whole ones first, halves of refused ones."""
+        """Return a part of a transit span to smooth: halves of refused parts, else a whole span."""
         if self._parts:
             return self._parts.pop()
         fresh = [k for k in self._critical if k not in self._tried]
         if not fresh and self._passes:
-            # Those of the first pass had others around them that have moved since.
+            # In another pass, the spans of other robots are no longer where they were.
             self._passes -= 1
             if self._passes:
                 self._tried.clear()
@@ -243,14 +243,14 @@ class ShortcutSearch:
         *,
         sooner: float | None = None,
     ) -> bool:
-        """Accept a candidate if it is free, fits, and does not increase the makespan.
+        """Accept a candidate if it is free, has a place in the order, and does not increase the makespan.
 
         Args:
             which: the span.
             first, last: nodes of it that would be replaced.
             path: that would replace them, shape (w, n).
-            sooner: least time by which the plan has to end sooner [s]; it is then tried
-                everywhere in the order. None where it need not.
+            sooner: least reduction of the makespan [s]; the candidate is then tried at all
+                places in the order. None if none is required.
         """
         graph, index = self.graph, self.spans[which].chain
         chain = graph.tpg.chains[index]
@@ -261,29 +261,31 @@ class ShortcutSearch:
             return False
         swap = Swap(index, first, last)
         occupant = occupant_of_nodes(graph, index, first, last + 1, new)
-        rivals = Rivals(graph, self._pieces, swap, occupant)
-        # Elsewhere in the order is worth a search for what may gain much.
-        choice = rivals.choice and (self._smoothing or sooner is not None)
-        latest = self.makespan + (_LATER if sooner is None else -sooner)
+        conflicts_of_new = ReplacementConflicts(graph, self._pieces, swap, occupant)
+        # Other places in the order are tried only for candidates that may save much.
+        choice = conflicts_of_new.choice and (self._smoothing or sooner is not None)
+        latest = self.makespan + (_SAME_MAKESPAN if sooner is None else -sooner)
         places = (IN_PLACE, LATE, EARLY) if choice else (IN_PLACE,)
-        if choice and self._late(rewire(graph, swap, new, rivals.outside), latest):
+        if choice and self._ends_late(
+            rewire(graph, swap, new, conflicts_of_new.outside), latest
+        ):
             return False
         for place in places:
             ordered = reorder_nodes(graph, index, range(first, last + 1), place)
-            candidate = rewire(ordered, swap, new, rivals.edges(ordered))
-            if self._late(candidate, latest):
+            candidate = rewire(ordered, swap, new, conflicts_of_new.edges(ordered))
+            if self._ends_late(candidate, latest):
                 continue
             if are_standing_robots_clear(candidate, self._pieces, swap, occupant):
-                self._take(candidate, which, swap)
+                self._accept(candidate, which, swap)
                 return True
         return False
 
     @staticmethod
-    def _late(candidate: DerivedTpg, latest: float) -> bool:
+    def _ends_late(candidate: DerivedTpg, latest: float) -> bool:
         """Tell whether a plan would exceed its allowed end [s]."""
         return candidate.rollout.makespan > latest
 
-    def _take(self, candidate: DerivedTpg, which: int, swap: Swap) -> None:
+    def _accept(self, candidate: DerivedTpg, which: int, swap: Swap) -> None:
         self.graph = candidate
         self._pieces.replace_nodes(swap)
         self._excess[which] = self._span_excess(which)

@@ -1,12 +1,12 @@
-"""Shortcutting of a temporal plan graph (APEX-MR IV-C): anytime, seeded, HOME skipped.
+"""Shortcutting of a temporal plan graph (APEX-MR, section IV-C): an anytime search with seeded random candidates.
 
-A candidate joins two points of a run of transits: by smoothing among static obstacles, by a straight line,
-over a corner, or with a single joint straightened. It is accepted when it is free, when it can be ordered
-with all other nodes, and when the makespan does not grow. Only critical runs are drawn: elsewhere a robot
-would move less only to wait more. Each is first smoothed as a whole, then in parts. Whatever a candidate
-does not change is reused. The search ends when candidates no longer pay, or after a number of them, so that
-the same seed gives the same plan; or, on request, after a time limit, as in the paper. Sidesteps may
-follow.
+A candidate joins two points of consecutive transits: by path smoothing among static obstacles, by a straight
+line, by two lines with one corner, or by straightening the motion of a single joint. It is accepted if it is free
+of collisions, if it can be ordered with all other nodes, and if the makespan does not increase. Only transits on
+a critical path are shortened, because on other transits a robot would only wait longer. Each span of transits is
+first smoothed as a whole, then in parts. The search ends when candidates hardly reduce the makespan any more, or
+after a fixed number of them, so the same seed gives the same plan. It can also end after a time limit, as in the
+paper. Optionally, sidesteps follow: paths around a corner that avoid a wait.
 """
 
 from __future__ import annotations
@@ -36,43 +36,42 @@ _ASIDE = 0.3
 """Spread of corners around the straight path [rad or m]."""
 
 _SPREAD = 0x51DE
-"""Sets the draws of sidesteps apart from those of shortcuts with the same seed."""
+"""Second seed: the draws of sidesteps differ from those of shortcuts with the same seed."""
 
 _QUICK = 8
-"""Most candidates for each run in a quick look ahead."""
+"""Most candidates for each span in a quick estimate."""
 
 
 def _apply_sidesteps(
-    board: ShortcutSearch, candidates: int, seed: int, progress: Progress = no_progress
+    search: ShortcutSearch, candidates: int, seed: int, progress: Progress = no_progress
 ) -> None:
-    """Change the graph of a search by sidesteps as long as they pay.
+    """Shorten the makespan of a search by sidesteps: corners that avoid critical waits.
 
-    A shortcut has to save its robot time. Where the makespan hangs on a wait of one robot for another, a
-    path of the same length may do as well: one that comes into the other's way later, or lets the other
-    pass sooner. Runs
-    of transits on both sides of such waits get a corner at random, and keep it where the whole plan ends sooner.
+    A shortcut must save time of its own robot. If a wait of one robot for another is critical, a
+    path of the same length may also help: one that blocks the other robot later, or lets it pass sooner. The
+    transits of both robots at such waits get a random corner, which is kept if the whole plan ends sooner.
 
     Args:
-        board: the graph, with its runs, after shortcuts.
-        candidates: most candidates drawn. The search ends before when a window of them, as long
-            as those of shortcuts, makes the plan hardly shorter.
+        search: the graph, with its transit spans, after shortcuts.
+        candidates: most candidates drawn. The search ends earlier if a window of them, as long
+            as those of shortcuts, hardly shortens the makespan.
         seed: of the draws.
         progress: called with candidates done and in all.
     """
     rng = np.random.default_rng([seed, _SPREAD])
-    candidates_at_waits = runs_beside_waits(board)
-    since, before = 0, board.makespan
+    candidates_at_waits = spans_beside_waits(search)
+    since, before = 0, search.makespan
     for done in range(candidates):
         if not candidates_at_waits:
             break
-        if since == board.window:
-            if not board.saved_time_bound(before):
+        if since == search.window:
+            if not search.has_saved_enough(before):
                 break
-            since, before = 0, board.makespan
+            since, before = 0, search.makespan
         since += 1
         which, node = candidates_at_waits[int(rng.integers(len(candidates_at_waits)))]
-        span = board.spans[which]
-        # Ends of the run are kept as often as not: most of the way there is the most room.
+        span = search.spans[which]
+        # Half of the candidates begin or end at an end of the span: long paths have the most room.
         first = (
             span.first
             if rng.random() < 0.5
@@ -82,24 +81,24 @@ def _apply_sidesteps(
             span.last if rng.random() < 0.5 else int(rng.integers(node, span.last + 1))
         )
         path = _around_corner(
-            board, span.chain, board.waypoints(span.chain, first, last), rng
+            search, span.chain, search.waypoints(span.chain, first, last), rng
         )
-        if board.try_candidate(which, first, last, path, sooner=_LEAST):
-            candidates_at_waits = runs_beside_waits(board)
+        if search.try_candidate(which, first, last, path, sooner=_LEAST):
+            candidates_at_waits = spans_beside_waits(search)
         if done % 16 == 0:
             progress(done, candidates)
     progress(candidates, candidates)
 
 
-def runs_beside_waits(board: ShortcutSearch) -> list[tuple[int, int]]:
-    """Return the runs next to critical waits for motions, at either end.
+def spans_beside_waits(search: ShortcutSearch) -> list[tuple[int, int]]:
+    """Return the transit spans at both sides of critical waits for motions.
 
     Returns:
-        Each as the number of a span and the node of it that waits, or is waited for.
+        Number of the span, and its node that waits or is waited for.
     """
-    spans = board.spans
+    spans = search.spans
     found = []
-    for chain, node in critical_conflict_nodes(board.graph):
+    for chain, node in critical_conflict_nodes(search.graph):
         found += [
             (which, node)
             for which, span in enumerate(spans)
@@ -111,8 +110,8 @@ def runs_beside_waits(board: ShortcutSearch) -> list[tuple[int, int]]:
 def critical_conflict_nodes(graph: DerivedTpg) -> list[tuple[int, int]]:
     """Return the end nodes of the conflict edges on a critical path of a graph.
 
-    It is followed from its end: from each node to the one before it on its robot where they
-    follow each other at once, else to the node that it waits for.
+    The path is followed from its end: from each node to the previous one of its robot if there is no
+    wait between them, else to the node that it waits for.
     """
     tpg, rollout = graph.tpg, graph.rollout
     before: dict[tuple[int, int], list[tuple[int, int, bool]]] = {}
@@ -142,12 +141,12 @@ def critical_conflict_nodes(graph: DerivedTpg) -> list[tuple[int, int]]:
 
 
 def _around_corner(
-    board: ShortcutSearch, chain: int, path: Array, rng: np.random.Generator
+    search: ShortcutSearch, chain: int, path: Array, rng: np.random.Generator
 ) -> Array:
     """Return a path with the same ends over one corner, on the straight line or around it."""
     if rng.random() < 0.5:
         return candidate_path(path, CORNER, rng)
-    tpg = board.graph.tpg
+    tpg = search.graph.tpg
     model = tpg.cell.robot(tpg.chains[chain].robot).model
     corner = path[0] + rng.random() * (path[-1] - path[0])
     corner = corner + rng.normal(0.0, _ASIDE, len(corner))
@@ -166,9 +165,7 @@ def shorten_tpg(
     seconds: float = 0.0,
     clock: Callable[[], float] = time.monotonic,
 ) -> TemporalPlanGraph:
-    """Return a graph with runs of transit nodes replaced by shorter ones.
-
-    It is the same graph where no replacement was found.
+    """Return a graph with transits replaced by shorter ones; the same graph if none was found.
 
     Args:
         tpg: a graph that keeps its invariant.
@@ -178,41 +175,41 @@ def shorten_tpg(
         seed: of the draws.
         progress: called with candidates done and in all.
         sidesteps: most sidesteps drawn after that, see ``_apply_sidesteps``.
-        seconds: how long candidates are drawn, whether they pay or not; the one that is looked at
-            then is the last. 0 for as long as they pay [s].
+        seconds: time limit, up to which candidates are drawn even without success; 0 to end when
+            candidates no longer shorten the makespan [s].
         clock: returns the time [s].
 
     Raises:
         PlanInvariantError: the result breaks the invariant, a fault of this program.
     """
-    board = ShortcutSearch(tpg, speeds, step)
+    search = ShortcutSearch(tpg, speeds, step)
     rng = np.random.default_rng(seed)
-    since, before, begin = 0, board.makespan, clock()
+    since, before, begin = 0, search.makespan, clock()
     for done in range(candidates):
         spent = clock() - begin
         if seconds and spent >= seconds:
             break
-        if since == board.window:
-            if not seconds and not board.saved_time_bound(before):
+        if since == search.window:
+            if not seconds and not search.has_saved_enough(before):
                 break
-            since, before = 0, board.makespan
-        searched = board.searched
-        board.step(rng)
-        # Every run is smoothed as a whole in any case.
-        since, before = (since + 1, before) if searched else (0, board.makespan)
+            since, before = 0, search.makespan
+        searched = search.searched
+        search.step(rng)
+        # Progress is judged only after every span has been smoothed as a whole.
+        since, before = (since + 1, before) if searched else (0, search.makespan)
         if done % 16 == 0:
             progress(*((spent, seconds) if seconds else (done, candidates)))
     progress(candidates, candidates)
     if sidesteps:
-        _apply_sidesteps(board, sidesteps, seed, progress)
-    if board.graph.tpg is tpg:
+        _apply_sidesteps(search, sidesteps, seed, progress)
+    if search.graph.tpg is tpg:
         return tpg
-    shortened = join_nodes(board.graph, board.spans, step)
+    shortened = join_nodes(search.graph, search.spans, step)
     check_invariant(DerivedTpg(shortened))
     return shortened
 
 
-def smooth_runs(
+def smooth_spans(
     tpg: TemporalPlanGraph,
     speeds: Mapping[str, SpeedModel],
     *,
@@ -221,18 +218,18 @@ def smooth_runs(
     known: SmoothedPathCache | None = None,
     conflicts: OccupantConflicts | None = None,
 ) -> DerivedTpg:
-    """Return a graph with each relevant run smoothed as a whole, once: a quick estimate.
+    """Return a graph with each critical span smoothed as a whole, once: a quick estimate of shortcutting.
 
-    It has not been checked as ``shorten_tpg`` does, whose arguments these are. To ``known`` and
-    ``conflicts``, what was found for other graphs of the same cell and speeds, what is found is added;
-    each path is then smoothed with draws of its own.
+    The arguments are those of ``shorten_tpg``, but the invariant is not checked. ``known`` and ``conflicts``
+    are caches shared by graphs of the same cell and speeds; results are added to them. With ``known``,
+    each path is smoothed with its own random draws.
     """
-    board = ShortcutSearch(
+    search = ShortcutSearch(
         tpg, speeds, step, passes=1, known=known, conflicts=conflicts
     )
     rng = np.random.default_rng(seed)
-    for _ in range(_QUICK * len(board.spans)):
-        if board.searched:
+    for _ in range(_QUICK * len(search.spans)):
+        if search.searched:
             break
-        board.step(rng)
-    return board.graph
+        search.step(rng)
+    return search.graph

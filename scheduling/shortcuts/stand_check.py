@@ -1,7 +1,7 @@
-"""Clearance of replacement nodes and standing robots.
+"""Collision checks between replacement nodes and robots at rest.
 
-New nodes are checked against robots that stand meanwhile and the objects that they hold, and other
-robots against the stands before new nodes.
+New nodes are checked against robots that are at rest at the same time, including the objects that they hold.
+Other robots are checked against the positions in which the robot waits before its new nodes.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from scheduling.shortcuts.rewiring import Swap
 def are_standing_robots_clear(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: Occupant
 ) -> bool:
-    """Tell whether new nodes and standing robots are clear of each other, in the new graph.
+    """Tell whether new nodes and robots at rest keep their clearance from each other, in the new graph.
 
-    New nodes may now fall into a stand of another robot, or meet what it has been given while it
-    stands, and another robot's nodes may fall into the stands before and between the new nodes.
-    Every other stand is as it was.
+    New nodes may now be executed during a standstill of another robot, or meet an object handed to it
+    then, and another robot's nodes may be executed during the standstills before and between the new
+    nodes. All other standstills are unchanged.
 
     Args:
         graph: with the new nodes.
-        pieces: occupancies of its chains; those of the new nodes' chain are not looked at.
+        pieces: occupancies of its chains; those of the new nodes' chain are not checked.
         swap: the new nodes.
         new: the same, numbered from 0.
     """
@@ -63,7 +63,7 @@ def _clear_of_stands(
 def _stand_clear(
     graph: DerivedTpg, pieces: GraphPieces, swap: Swap, other: int
 ) -> bool:
-    """Tell whether another robot is clear of the stands before each of the new nodes."""
+    """Tell whether another robot is clear of the standstills before each of the new nodes."""
     chain = swap.chain
     holds = np.arange(swap.first, swap.first + swap.count)
     waits_for = np.ascontiguousarray(graph.order.of(other)[:, chain])
@@ -88,7 +88,7 @@ def _are_received_objects_clear(
 ) -> bool:
     """Tell whether new nodes are clear of objects handed to standing robots.
 
-    Such an object is in the robot's hand only from its next node on: its stand does not show it.
+    The robot holds such an object only from its next node on: the occupancy of its standstill is without it.
     """
     nodes = len(graph.tpg.chains[swap.chain])
     for rest in graph.history.rests:

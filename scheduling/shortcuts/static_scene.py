@@ -1,4 +1,4 @@
-"""Static obstacles around nodes to be replaced, and paths through them."""
+"""Static obstacles around nodes that are to be replaced, and collision-free paths among them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Rest
 
 _SMOOTHING = 40
-"""Tries to smooth a run, or a part of one, as a whole."""
+"""Random shortcuts tried to smooth a span, or a part of one."""
 
 _KEPT_WAYS = 20_000
 """Capacity in paths."""
@@ -35,7 +35,7 @@ these: without a bound their memory would grow with the square of the objects.""
 
 
 class SmoothedPathCache:
-    """Cache of smoothed paths and of free ones, for plans of one cell with the same speeds.
+    """Cache of smoothed paths and of collision-free paths, for plans of one cell with the same speeds.
 
     Args:
         seed: of the smoothing. A path is smoothed identically in the same scene.
@@ -138,7 +138,7 @@ class StaticSceneCache:
         chain = graph.tpg.chains[index]
         present = self._present(graph, index, first, last)
         tasks = frozenset(chain.task[first : last + 1].tolist())
-        # Within the tasks of a run, a robot carries the same.
+        # Within a span, the load of the robot does not change.
         key = (index, tasks, present.tobytes())
 
         def build() -> StaticScene:

@@ -1,6 +1,6 @@
-"""Robots of a plan, piece by piece: poses of their parts, swept volumes, and deviation bounds.
+"""Geometry of the robots of a plan, piece by piece: poses of their bodies, swept volumes, and deviation bounds.
 
-A *piece* is a straight joint-space motion of a node, or a robot that stands between two nodes.
+A *piece* is a straight joint-space motion within a node, or a robot at rest between two nodes.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Pieces:
 
     @property
     def keys(self) -> Indices:
-        """Key of each piece: the same for all pieces of a node, another one for the stand before it."""
+        """Key of each piece: the same for all pieces of a node, another one for the standstill before it."""
         return 2 * self.node + self.standing
 
     @property

@@ -1,7 +1,7 @@
-"""Deviation bounds of robot links where the flange is off its reference path in a skill.
+"""Bounds on the deviation of robot links when the flange deviates from its reference path in a skill.
 
-First-order bounds, with Jacobians from pinocchio's joint frames: for a displaced and rotated flange the joint
-values change by the least-norm solution, and the links move accordingly. No code is shared with planning.
+The bounds are of first order. For a displaced and rotated flange, the joint values change by the least-norm
+solution, computed with Jacobians of pinocchio, and the links move accordingly. No code is shared with planning.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Encounters in a plan: a part of a robot near one of another robot, or near an object or fixture at rest.
+"""Encounters in a plan: two bodies that may come close to each other.
 
-A *piece* is a short motion of a robot, or its stand between two nodes, see ``bodies``. An encounter lists
-the pairs of pieces that may be simultaneous and in which the two parts come close. The proofs of ``verify``
-and ``survived_errors`` measure distances in these pairs only.
+One belongs to a robot or its load. The other belongs to another robot, or to an object or fixture at rest. A
+*piece* is a short motion of a robot, or its standstill between two nodes. An encounter lists the pairs of pieces
+that may be simultaneous and in which the two bodies come close. ``verify`` and ``survived_errors`` measure
+distances in these pairs only.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class Side:
     def in_tasks(self, pieces: Indices, tasks: frozenset[int]) -> npt.NDArray[np.bool_]:
         """Tell in which pieces one of some tasks may be executed.
 
-        At rest there is no own task: True in all pieces, unless ``self.tasks`` has none of the tasks.
+        An object at rest has no task of its own: True in all pieces, unless ``self.tasks`` has none of the tasks.
         """
         if self.robot is not None:
             found = np.isin(self.robot.pieces.tasks[pieces], list(tasks))
@@ -60,7 +61,7 @@ class Side:
         return np.full(len(pieces), there)
 
     def keys(self, pieces: Indices) -> Indices:
-        """Return a number for each piece: one per node, one per stand before a node; 0 at rest."""
+        """Return a number for each piece: one per node, one per standstill before a node; 0 at rest."""
         if self.robot is None:
             return np.zeros_like(pieces)
         return self.robot.pieces.keys[pieces]
@@ -179,7 +180,9 @@ class Encounters:
                     continue
                 first = Side(motion, robot)
                 second = Side(still.motions[k], None, rest.tasks)
-                if rest.hand == robot.name:  # it is displaced as the robot is
+                if (
+                    rest.hand == robot.name
+                ):  # the object is displaced together with the robot
                     first, second = (
                         first.with_errors_scaled(0.0),
                         second.with_errors_scaled(0.0),

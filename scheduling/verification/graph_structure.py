@@ -1,6 +1,7 @@
-"""Structure of a saved plan: acyclic, in planned order, with ordered handlings of objects.
+"""Checks of the structure of a saved plan: no cycles, edges in planned order, and unambiguous order of handlings.
 
-Precedence of nodes comes from ancestor sets, stored as bits of integers.
+A handling is a pick, placement or handover of an object. Precedence of nodes is computed from ancestor sets,
+stored as bits of integers.
 """
 
 from __future__ import annotations

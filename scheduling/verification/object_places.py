@@ -1,7 +1,7 @@
-"""Histories of objects by their handlings: in hands, or at rest between nodes.
+"""Location of each object over the course of a plan: held by a robot, or at rest between two nodes.
 
-An object is at rest, or held by one robot at a constant pose in its flange frame, so it moves only with its
-holder. So only transfers need checks: an object must be taken where it was put.
+A held object has a constant pose in the flange frame of one robot, so it moves only with that robot. Therefore
+only transfers need checks: an object must be picked up where it was put down.
 """
 
 from __future__ import annotations

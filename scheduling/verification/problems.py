@@ -1,4 +1,4 @@
-"""Violations of the safety guarantee, and their messages."""
+"""Violations of the safety guarantee of a plan, and their messages."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 _Node = tuple[int, int]
-"""Chain and number of a node."""
+"""Index of a chain, and index of a node in it."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """One side of a problem.
+    """A motion or rest of one robot, object or fixture that is involved in a violation.
 
     Attributes:
         robot: name of the robot, None for an object or fixture at rest.

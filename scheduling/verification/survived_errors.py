@@ -1,10 +1,10 @@
-"""Tolerance of a plan to errors of calibration and force control: displaced bases, or tools in skills.
+"""Calibration and force-control errors that a plan provably tolerates without collision.
 
-Every robot base may be displaced by an independent error at all times. Objects at rest are at their planned
-poses, and a held object is at its planned grip: the allowed contacts of the plan, such as those of a gripping
-tool or of a part that is put down, absorb the error. So these contacts are excluded; all other pairs must not
-touch. Deviations from the reference paths of skills are treated alike, but displace only the moving parts
-during the skill.
+The errors are displacements of robot bases, and deviations of tools from reference paths in skills. Every robot
+base has an independent, constant displacement. Objects at rest are at their planned poses, and held objects at
+their planned grips. Allowed contacts of the plan, such as those of a gripping tool or of a part that is
+put down, are assumed to absorb the error and are excluded. All other pairs of bodies must not touch. Deviations
+in skills are treated alike, but displace only the moving parts during the skill.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Deviations of the nodes of a saved plan from its tasks.
+"""Checks that the nodes of a saved plan do what its tasks specify.
 
-Checked are: the handlings of nodes are those of their tasks, paths are continuous, and speeds are within
-the limits of the robots.
+The handling of objects must agree with the tasks, paths must be continuous, and speeds must be within the
+limits of the robots.
 """
 
 from __future__ import annotations

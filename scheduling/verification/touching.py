@@ -1,6 +1,6 @@
-"""Allowed contacts with their depths, contacts of held objects, and self-collisions.
+"""Allowed contacts with their penetration depths, contacts of held objects, and self-collisions.
 
-A self-collision is a contact of two parts of a robot, or of an arm with its load.
+A self-collision is a contact between two parts of a robot, or between an arm and its load.
 """
 
 from __future__ import annotations

@@ -1,14 +1,13 @@
-"""Independent, slow proof that a saved plan keeps its guarantee (``twin verify``).
+"""Independent, slow proof that a saved plan is safe for any delays (``twin verify``).
 
-No code is shared with the construction of the graph: precedence comes from ancestor sets, geometry from
-pinocchio's reading of the URDF files and coal's exact shapes, occupancy from dense samples enlarged by a bound
-on the motion between them.
+No code is shared with the construction of the graph. Precedence is computed from the sets of all ancestors of nodes.
+pinocchio reads robot geometry from the URDF files, and coal computes distances with exact shapes. Occupancy comes
+from dense samples, enlarged by a bound on the motion between them.
 
-Checked are the structure of the graph; that nodes do what their tasks state, without jumps of robots or
-objects; and the invariant: ordered are (a) nodes of two robots that come too close, (b) a node and a standing
-robot, (c) a node and an object at rest, if they come too close. Allowed contacts have a largest depth.
-
-The tolerated errors of bases and skills are computed in the same pass, see ``survived_errors``.
+The structure of the graph is checked. Nodes must do what their tasks specify, without jumps of robots or objects.
+The following pairs must be ordered if they come too close: (a) nodes of two robots, (b) a node and a robot at
+rest, (c) a node and an object at rest. Allowed contacts have a largest penetration depth. The tolerated errors of
+bases and skills are computed in the same pass, see ``survived_errors``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Distances of moving parts: few measurements, each of which settles many pairs of pieces.
+"""Distance bounds between moving bodies, from few exact distance computations.
 
-Where two parts are apart in the middle of two pieces, coal gives the separating direction. The extents of
-both in that direction bound the distance in all of their pieces together, which settles most of them. The
-rest is subdivided.
+Motions are divided into pieces. For two bodies that are apart in the middle of two pieces, coal gives a separating
+direction. The extents of both bodies along this direction bound their distance in all pairs of pieces, which
+settles most pairs. The remaining pairs are subdivided.
 """
 
 from __future__ import annotations

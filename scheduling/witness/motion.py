@@ -1,4 +1,4 @@
-"""A convex part in straight joint-space motions, and bounds of its extent and displacement."""
+"""A convex body in straight joint-space motion, with bounds on its extent and its displacement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions of robots with their loads as straight joint-space pieces on a common clock, and objects at rest."""
+"""Motion of robots and their loads as straight joint-space segments with common times, and objects at rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Relative motion of parts of one robot, in the frame of the joint that carries the inner one."""
+"""Relative motion of two parts of the same robot, for self-collision checks.
+
+Motion is expressed in the frame of the joint that carries the part closer to the base.
+"""
 
 from __future__ import annotations
 

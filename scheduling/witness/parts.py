@@ -1,4 +1,4 @@
-"""Convex parts of robots, and of objects and fixtures at rest, with their distances by coal."""
+"""Convex parts of robots, objects and fixtures, and their distances computed by coal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from planning.transforms import Array, Transform
 from scheduling.witness.shapes import coal_forms
 
 TOLERANCE = 2e-5
-"""Distances may fall short of the clearance by this much: coal's are that exact [m]."""
+"""Tolerance of distance comparisons with the clearance: the accuracy of coal [m]."""
 
 _REQUEST = coal.DistanceRequest()
 _RESULT = coal.DistanceResult()

@@ -1,4 +1,4 @@
-"""A robot read by pinocchio from its URDF: joints, convex parts, and their poses."""
+"""Robot model read by pinocchio from a URDF file: joints, limits, convex parts and their poses."""
 
 from __future__ import annotations
 

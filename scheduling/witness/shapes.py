@@ -1,6 +1,6 @@
-"""Forms as coal shapes: round forms stay round, meshes become their convex pieces.
+"""Conversion of shapes to convex shapes of coal, and their extents along directions and from points.
 
-How far a convex shape reaches along directions, and from places.
+Boxes, cylinders and other primitives are kept as primitives. Meshes become their convex pieces.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Swept volumes bounded along fixed directions, and pairs of pieces whose bounds come close."""
+"""Bounds of swept volumes along fixed directions, and a search for pairs of motion pieces that come close."""
 
 from __future__ import annotations
 

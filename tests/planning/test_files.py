@@ -17,7 +17,7 @@ from planning.cell import cover, shape
 from planning.cell.cover import capsule_cover, capsule_covers
 from planning.errors import ShapeError
 from planning.files import is_file, read_file, resolve_file_name
-from planning.meshes import mesh_form
+from planning.meshes import mesh_loading
 from planning.robots import self_collision
 from planning.robots.registry import robot_model
 from planning.robots.self_collision import never_colliding_pairs
@@ -254,7 +254,7 @@ def a_bracket(folder: Path) -> Callable[[], object]:
     triangles = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
     file = folder / "bracket.stl"
     extrude_triangulation(corners, triangles, height=0.01).export(file)
-    return lambda: mesh_form.mesh_form(file)
+    return lambda: mesh_loading.load_mesh(file)
 
 
 def a_hull(_: Path) -> Callable[[], object]:
@@ -272,7 +272,7 @@ def a_robot(_: Path) -> Callable[[], object]:
 @pytest.mark.parametrize(
     ("question", "sources"),
     [
-        (a_bracket, mesh_form._SOURCES),
+        (a_bracket, mesh_loading._SOURCES),
         (a_hull, [cover.__file__]),
         (a_robot, self_collision._SOURCES),
     ],

@@ -1,4 +1,4 @@
-"""Activities of robots, derived from the events of a run: the lanes of charts."""
+"""Activities of robots over time, derived from the events of a run, as charts show them."""
 
 from __future__ import annotations
 

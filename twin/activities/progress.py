@@ -1,4 +1,4 @@
-"""Progress of the robots of a run: current node, standstills and attempts, updated event by event."""
+"""Progress of each robot in a run, updated event by event: current node, standstills and attempts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from twin.runs.events import Event
 
 STALLED = "stalled"
 STOPPED = "stopped"
-"""States of a robot that stands still within a node: by a stall, or by a stop such as an emergency stop."""
+"""States of a robot that stands still within a node, because of a stall or of a stop such as an emergency stop."""
 
 
 class RobotProgress:

@@ -1,4 +1,4 @@
-"""Check of a scenario before it is planned: its result, which is empty where ``twin.checks`` is not installed."""
+"""Result of the check of a scenario before planning. It is empty if ``twin.checks`` is not installed."""
 
 from __future__ import annotations
 

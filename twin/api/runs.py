@@ -1,4 +1,4 @@
-"""Functions on one scenario: check, plan, simulate or run, audit, replay."""
+"""Functions of the Python API on one scenario: check, plan, simulate, run, audit, replay."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def plan(
     out_of_service: Sequence[str] = (),
     progress: Report = report_nothing,
 ) -> PlanResult:
-    """Check and plan a scenario, or the remainder of one from a time of a run.
+    """Check and plan a scenario, or the remainder of a scenario from a given time of a run.
 
     Args:
         scenario: a scenario, or the path of its file; by default that of the run.

@@ -1,4 +1,4 @@
-"""``twin.audit``: check of an executed run with code that the planner does not use."""
+"""The function ``twin.audit``: check of an executed run by code that the planner does not use."""
 
 from __future__ import annotations
 

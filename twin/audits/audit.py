@@ -1,8 +1,8 @@
-"""Audit of a run: replay of the execution with all distances measured.
+"""Audit of a run: replay of the execution and measurement of all distances.
 
-It shares nothing with the planner but the plan's list of allowed contacts: robots come from
-their URDF files, boxes from their sizes, motion from the tables that the run wrote. Of the cell
-only names, files, sizes and first poses are read: no hull, no capsule, no kinematics.
+The audit takes only the list of allowed contacts from the plan. Robots are read from their URDF files, and
+motion is read from the tables that the run wrote. From the cell, the audit uses names, files, sizes and start
+poses, but no precomputed hulls, capsules or kinematics.
 """
 
 from __future__ import annotations
@@ -301,7 +301,7 @@ class Auditor(AbstractContextManager["Auditor"]):
             self._allowed,
             self._exempt,
             math.inf,
-            taken_up=True,
+            any_depth=True,
             second=self._second,
         )
         self._look(case, contacts)

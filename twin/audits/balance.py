@@ -1,4 +1,7 @@
-"""Audit of static equilibrium: placed parts stand at all times, by friction, joints or a robot's hold."""
+"""Audit of static equilibrium: placed parts must be stable at all times.
+
+Friction, joints between parts, or a robot that holds a part can provide the stability.
+"""
 
 from __future__ import annotations
 

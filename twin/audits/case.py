@@ -1,6 +1,6 @@
-"""Input of the audit's rules (execution, plan, expectations, world), and violations.
+"""Input of all audit rules (execution, plan, expectations, world), and the violations that they report.
 
-Includes the rule of order: no node starts before its type-2 predecessors end.
+The module also contains one rule: no node starts until its type-2 predecessors (nodes of other robots) are complete.
 """
 
 from __future__ import annotations

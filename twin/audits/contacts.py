@@ -1,4 +1,4 @@
-"""Contacts of an execution, against the allowed contacts of its tasks."""
+"""Audit rule: bodies may touch only where a task of the plan allows contact."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ _LATER = 8
 """Greatest number of postponed stretches in which robots are far apart."""
 
 Allowed = Mapping[frozenset[str], Sequence[AllowedContact]]
-"""Contacts that may be, by pair."""
+"""Allowed contacts by pair of entities."""
 
 AllowedDepths = Callable[[ClosePair], Array]
 """Returns how deep a pair of shapes may overlap at each sample of a stretch, shape (m,) [m]."""
 
 
 class _Checked(NamedTuple):
-    """A stretch that is checked, the number of its first sample, and allowed depths in it."""
+    """An interval of a run to check, the number of its first sample, and the allowed depths in it."""
 
     stretch: RunStretch
     first: int
@@ -63,7 +63,7 @@ class _Checked(NamedTuple):
 def allowed_contacts(tpg: TemporalPlanGraph) -> Allowed:
     """Return the allowed contacts of a plan that its handlings need.
 
-    It needs contacts of a tool and an object, two objects, or an object and a fixture. Robots
+    These are between a tool and an object, two objects, or an object and a fixture. Robots
     never touch each other, and an arm never touches anything.
     """
     objects = {item.name for item in tpg.cell.objects}
@@ -89,7 +89,7 @@ class Contacts:
         allowed: contacts of its plan.
         exempt: pairs of one robot's shapes that are not checked.
         within: robots further apart than this are not measured [m].
-        taken_up: whether contacts that are allowed may be of any depth.
+        any_depth: whether allowed contacts may be of any depth.
         second: the same cell in PyBullet, which looks for overlaps at samples.
 
     Attributes:
@@ -106,11 +106,11 @@ class Contacts:
         exempt: frozenset[tuple[int, int]],
         within: float,
         *,
-        taken_up: bool = False,
+        any_depth: bool = False,
         second: BulletWorld | None = None,
     ) -> None:
         self._case, self._allowed, self._exempt = case, allowed, exempt
-        self._taken_up, self._second = taken_up, second
+        self._any_depth, self._second = any_depth, second
         self._tools = {f"{robot}/tool": robot for robot in case.robots}
         self._allowed_depth = cache(self._depth)
         self.least, self._measuring = within, Measuring()
@@ -122,7 +122,7 @@ class Contacts:
 
     @property
     def bound(self) -> float:
-        """Two robots with what they carry were at no moment nearer than this [m]."""
+        """Lower bound of the distance between any two robots with their loads [m]."""
         return self.least - PRECISION
 
     def look(self, stretch: RunStretch) -> None:
@@ -143,7 +143,7 @@ class Contacts:
         self._check(checked, chain.from_iterable(near))
 
     def finish(self) -> None:
-        """Check what was put off until it was known how near robots come."""
+        """Check the postponed stretches, now that the least distance of robots is known."""
         for checked in self._later:
             self._check(checked, self._robot_pairs(checked.stretch))
         self._later.clear()
@@ -163,7 +163,7 @@ class Contacts:
                 self._note(checked, pair, sample, gap)
 
     def _approach(self, stretch: RunStretch) -> None:
-        """Measure two robots where they may be nearest, and nearer than all before."""
+        """Lower the least distance by measuring every two robots once, where they may be nearest."""
         for robots in combinations(range(len(stretch.robots)), 2):
             if math.isinf(self.least):
                 self._start(*(stretch.robots[k] for k in robots))
@@ -176,9 +176,9 @@ class Contacts:
     def _of_robots(
         self, stretch: RunStretch, robots: tuple[int, int]
     ) -> Iterator[ClosePair]:
-        """Yield the pairs of two robots that may be nearer than all before.
+        """Yield the pairs of shapes of two robots that may be nearer than the least distance so far.
 
-        Far ones are not looked at where near ones settle how near they come.
+        The search distance grows until it reaches that distance; pairs farther apart are never searched.
         """
         limit = min(_NEAR, self.least)
         while True:
@@ -188,12 +188,12 @@ class Contacts:
             limit = min(_FARTHER * limit, self.least)
 
     def _robot_pairs(self, stretch: RunStretch) -> Iterator[ClosePair]:
-        """Yield the pairs of all robots that may be nearer than all before."""
+        """Yield the pairs of shapes of all robots that may be nearer than the least distance so far."""
         for robots in combinations(range(len(stretch.robots)), 2):
             yield from self._of_robots(stretch, robots)
 
     def _own_pairs(self, stretch: RunStretch) -> Iterator[ClosePair]:
-        """Yield the pairs that may overlap of each robot, and of it and what rests."""
+        """Yield the pairs that may overlap: within each robot, and of it and things at rest."""
         for robot in range(len(stretch.robots)):
             yield from pairs_of_robot(stretch, robot, self._exempt)
             yield from pairs_at_rest(stretch, robot)
@@ -225,7 +225,9 @@ class Contacts:
         pair = replace(pair, last=last)
         own = checked.depths(pair)
         limits = np.minimum(own[pair.first], own[last])
-        for k in np.flatnonzero(last - pair.first > 1).tolist():  # it stands
+        for k in np.flatnonzero(
+            last - pair.first > 1
+        ).tolist():  # standstill of several samples
             limits[k] = own[pair.first[k] : last[k] + 1].min()
         if pair.two_robots:
             apart = limits <= SLACK
@@ -259,7 +261,7 @@ class Contacts:
         Args:
             checked: the stretch.
             pair: the shapes, and where they are close.
-            most: what they may overlap by at all times [m].
+            most: overlap that is allowed at all times [m].
         """
         robots, nearest, own = self._are_robots(pair), math.inf, checked.depths(pair)
         found = self._measuring.too_close(
@@ -330,7 +332,7 @@ class Contacts:
 
         Args:
             pair: their names.
-            tasks: those at hand of the robot of each, None at rest.
+            tasks: current tasks of the robot of each, None at rest.
         """
         now = [
             contact
@@ -339,7 +341,7 @@ class Contacts:
         ]
         if not now:
             return SLACK
-        if self._taken_up:
+        if self._any_depth:
             return math.inf
         if all(contact.grazing for contact in now):
             return self.tolerance + SLACK

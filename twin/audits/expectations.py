@@ -1,6 +1,6 @@
-"""Expectations of a scenario on a run: final places of objects, their supports, and processes.
+"""Expected results of a run: final places of objects, their supports, and processes.
 
-The audit takes nothing of this from the plan that it judges.
+They come from the scenario, so the audit does not take them from the plan that it checks.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Audit of grips: held objects are between finger pads, or under the suction cup.
+"""Audit of grips: held objects must be between finger pads, or under the suction cup.
 
-A tool frame's z axis points out of the hand (*depth*), fingers close along y (*closing*), x is
-*across*. Shapes of a tool wholly on one side of the plane where fingers meet close in a straight line
-on the object: they must touch it from both sides, after equal travel. A cup must be on it, with the
-frame in the cup.
+The z axis of a tool frame points out of the hand (*depth*), fingers close along y (*closing*), and x is
+called *across*. Fingers are the shapes of a tool that are wholly on one side of the plane in which they meet.
+They close in a straight line and must touch the object from both sides, after equal travel. A suction cup
+must touch the object, with the origin of the tool frame inside the cup.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Joint values compared with limits: one violation per interval of excess."""
+"""Comparison of joint values with their limits; each time interval of excess is one violation."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy.typing as npt
 from planning.transforms import Array, Indices
 from twin.audits.case import Violation, ViolationKind
 
-BEYOND = 1e-6
-"""Joint values and shares of limits may be this far beyond: rounding [rad, m or 1]."""
+LIMIT_TOLERANCE = 1e-6
+"""Rounding tolerance: joint values, or ratios to their limits, may exceed limits by this much [rad, m or 1]."""
 
-TICKS = 2e-9
-"""Times are whole nanoseconds, so a step may seem this much shorter than it is [s]."""
+STEP_TOLERANCE_S = 2e-9
+"""Rounding tolerance of the duration of a step, because times are whole nanoseconds [s]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 from planning.cell.motion_limits import MotionLimits
 from planning.transforms import Array
 from twin.audits.case import Violation, ViolationKind
-from twin.audits.limit_readings import BEYOND, TICKS, LimitReadings
+from twin.audits.limit_readings import LIMIT_TOLERANCE, STEP_TOLERANCE_S, LimitReadings
 from twin.audits.motion.efforts import RobotEfforts, ToolSpeeds
 from twin.audits.motion.executed import ReplayedRun, RobotRows
 
@@ -87,7 +87,7 @@ def _seen(
 ) -> Iterator[Violation]:
     """Yield intervals in which samples of a value exceed a limit."""
     values, limit = at[0][:, None], at[1]
-    share = values / (limit * (1.0 + BEYOND))
+    share = values / (limit * (1.0 + LIMIT_TOLERANCE))
     yield from readings.excesses(kind, (unit,), share, values, limit, words)
 
 
@@ -104,22 +104,22 @@ def _shares(
     fastest = _fastest(v, begin, end, span, either)
     rise = np.diff(v, axis=0) - 0.5 * span * (begin + end)
     # A position recorded a nanosecond late is compensated within its step.
-    slip = fastest * TICKS
-    room = steepest * (TICKS + _STEP * span) + either * span + _SPEED
+    slip = fastest * STEP_TOLERANCE_S
+    room = steepest * (STEP_TOLERANCE_S + _STEP * span) + either * span + _SPEED
     misfit = np.abs(rise) / (room + slip / span)
     way = np.diff(rows.q, axis=0) - 0.5 * span * (v[:-1] + v[1:])
     way += span * span * (end - begin) / 12.0
     room = slip + (steepest * _STEP * span + either * span + _SPEED) * span + _WAY
     misfit = np.maximum(misfit, np.abs(way) / room)
     yield "joint-motion", "", misfit, misfit, np.inf
-    room = limits.velocity * (1.0 + BEYOND) + steepest * TICKS
+    room = limits.velocity * (1.0 + LIMIT_TOLERANCE) + steepest * STEP_TOLERANCE_S
     yield "joint-speed", "/s", fastest / room, fastest, limits.velocity
-    room = limits.acceleration * (1.0 + BEYOND) + np.maximum(off[:-1], off[1:])
+    room = limits.acceleration * (1.0 + LIMIT_TOLERANCE) + np.maximum(off[:-1], off[1:])
     share = steepest / room
     yield "joint-acceleration", "/s^2", share, steepest, limits.acceleration
     # Jerk in steps of nanoseconds is mostly rounding of accelerations.
-    room = limits.jerk * (span * (1.0 + BEYOND) + TICKS)
-    room = room + limits.acceleration * BEYOND + 2.0 * either
+    room = limits.jerk * (span * (1.0 + LIMIT_TOLERANCE) + STEP_TOLERANCE_S)
+    room = room + limits.acceleration * LIMIT_TOLERANCE + 2.0 * either
     yield "joint-jerk", "/s^3", jerk * span / room, jerk, limits.jerk
 
 

@@ -1,4 +1,4 @@
-"""Audit of parts that a robot must hold until they are joined."""
+"""Audit rule: a robot must hold certain placed parts until a given step or task is complete."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Audit of object places at the start, at each transfer and at the end of a run.
+"""Audit of object locations at the start, at each transfer and at the end of a run.
 
 Tools must be in their rack or mounted on their robot.
 """
@@ -21,10 +21,10 @@ from twin.audits.expectations import ChangedTool, Expectations, Place
 from twin.audits.motion.executed import ReplayedRun, Stay
 
 PLACED = 0.001
-"""No point of an object is further than this away from where it belongs [m]."""
+"""Tolerance of places: no point of an object may be further off [m]."""
 
 JUMP = 0.001
-"""An object may move this far when it changes hands [m]."""
+"""Tolerance of transfers: no point of an object may jump further [m]."""
 
 _NOWHERE = 1e6
 """Position of held objects: far from all places [m]."""
@@ -81,7 +81,7 @@ def jump_violations(case: AuditCase) -> Iterator[Violation]:
                     continue
             new = in_world(stay, stay.t)
             jump = max(
-                _way(shape.at(old), shape.at(new), shape.radius)
+                _displacement(shape.at(old), shape.at(new), shape.radius)
                 for shape in case.shapes[item.name]
             )
             if jump > JUMP:
@@ -110,7 +110,7 @@ def place_violations(case: AuditCase) -> Iterator[Violation]:
         if stay.holder is not None:
             yield at_end(name, place.words, 0.0, f"is still held by {stay.holder}")
             continue
-        away = _off(boxes[name], stay.pose, place)
+        away = _deviation(boxes[name], stay.pose, place)
         if away > PLACED:
             shift = (stay.pose[:3, 3] - place.pose[:3, 3]) * 1e3
             detail = f"is up to {away * 1e3:.2f} mm off: its centre by "
@@ -154,7 +154,7 @@ def with_object_names(replay: ReplayedRun, wanted: Expectations) -> Expectations
     filled = assign_objects_to_places(replay.cell, replay.at(), wanted.places)
     pairs = list(zip(wanted.places, filled, strict=True))
     names = {p.object: name for p, name in pairs if p.object and name}
-    # The place of what has come to another one is that of what has come to none, so that nothing has two.
+    # Objects that took the place of another get the names of the objects that took none: names stay unique.
     moved = [own for own in names.values() if own not in names]
     replaced = [name for name in names if name not in names.values()]
     names |= dict(zip(moved, replaced, strict=True))
@@ -167,8 +167,8 @@ def assign_objects_to_places(
 ) -> list[str | None]:
     """Return the object of each place: the one of its name, or the nearest interchangeable one.
 
-    Objects are shared out so that the sum of distances is least. Where one of a name has left the cell, another
-    of its kind may have come to its place, and that one's place may be another's in turn.
+    Interchangeable objects are assigned so that the sum of distances is least. If the named object has left the
+    cell, another one of its kind may be in its place, and a third one in the place of that one.
     """
     left = {p.kind for p in places if p.object is not None and p.object not in there}
     came: dict[int, str] = {}
@@ -197,7 +197,7 @@ def assign_objects_to_places(
         own = [b.name for b in fits if b.name in there and b.name not in out]
         if not own:
             continue
-        at = np.array([_spot(there[name]) for name in own])
+        at = np.array([_position(there[name]) for name in own])
         to = np.array([places[k].pose[:3, 3] for k in which])
         cost = np.linalg.norm(to[:, None] - at[None], axis=2)
         for i, j in zip(*linear_sum_assignment(cost), strict=True):
@@ -213,10 +213,10 @@ def rests_at(box: CellObject, stay: Stay, place: Transform) -> bool:
 def distance_of(box: CellObject, pose: Transform, place: Transform) -> float:
     """Return the largest point deviation of an object from its goal pose [m]."""
     farthest = np.maximum(np.abs(box.shape.low), np.abs(box.shape.high))
-    return _way(pose, place, float(np.linalg.norm(farthest)))
+    return _displacement(pose, place, float(np.linalg.norm(farthest)))
 
 
-def _way(pose: Transform, place: Transform, radius: float) -> float:
+def _displacement(pose: Transform, place: Transform, radius: float) -> float:
     """Return the largest point displacement of a body between two poses [m]."""
     moved = place - pose
     # Of the difference of two rotations the spectral norm is the Frobenius norm over sqrt(2).
@@ -224,12 +224,12 @@ def _way(pose: Transform, place: Transform, radius: float) -> float:
     return float(np.linalg.norm(moved[:3, 3])) + radius * turned
 
 
-def _off(box: CellObject, pose: Transform, place: Place) -> float:
+def _deviation(box: CellObject, pose: Transform, place: Place) -> float:
     turns = [0.0] if place.object is not None else [0.0, np.pi]
     return min(distance_of(box, pose @ rotation("z", a), place.pose) for a in turns)
 
 
-def _spot(stay: Stay) -> Array:
+def _position(stay: Stay) -> Array:
     return stay.pose[:3, 3] if stay.holder is None else np.full(3, _NOWHERE)
 
 
@@ -240,7 +240,7 @@ def tool_violations(case: AuditCase) -> Iterator[Violation]:
     """
     for tool in case.wanted.tools:
         for stay in case.stays[tool.name]:
-            words, away = _wrong(case, tool, stay)
+            words, away = _misplacement(case, tool, stay)
             if words and stay.until > stay.t:
                 times, other = (stay.t, min(stay.until, case.end)), stay.holder
                 yield Violation(*times, tool.name, other or "rack", away, words, "tool")
@@ -259,20 +259,20 @@ def tool_violations(case: AuditCase) -> Iterator[Violation]:
             yield Violation(stay.t, stay.t, stay.object, robot, 0.0, words, "tool")
 
 
-def _wrong(case: AuditCase, tool: ChangedTool, stay: Stay) -> tuple[str, float]:
+def _misplacement(case: AuditCase, tool: ChangedTool, stay: Stay) -> tuple[str, float]:
     """Return description and size of a tool's misplacement; empty if none [m]."""
     item = case.cell.object(tool.name)
     if stay.holder is not None:
         if stay.holder != tool.robot:
             return f"is a tool of {tool.robot}", 0.0
         away = distance_of(item, stay.pose, tool.mount)
-        return _far("as it is mounted", away), away
+        return _format_deviation("as it is mounted", away), away
     away = distance_of(item, stay.pose, tool.rack)
     if away > PLACED and stay.t == 0.0 and tool.first:
         hand = case.flange(tool.robot, 0.0)
         away = min(away, distance_of(item, stay.pose, hand @ tool.mount))
-    return _far("its rack", away), away
+    return _format_deviation("its rack", away), away
 
 
-def _far(place: str, away: float) -> str:
+def _format_deviation(place: str, away: float) -> str:
     return f"is {away * 1e3:.2f} mm off {place}" if away > PLACED else ""

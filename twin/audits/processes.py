@@ -1,4 +1,4 @@
-"""Audit of processes such as screwing: each has the required place, robot and held parts."""
+"""Audit of processes such as screwing: required position, robot, and parts that another robot holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Audit of objects at rest: each object that no robot holds must be supported."""
+"""Audit rule: each object that no robot holds must rest on a support."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SINKS = 0.3
 
 
 def hanging_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield unsupported objects with time intervals.
+    """Yield unsupported objects, with the time intervals in which they are unsupported.
 
     Fixtures stand, and so do tools that are changed, which racks hold, and parts that their robot
     keeps hold of. What rests on something that stands, stands too; see ``Hold`` for what counts as

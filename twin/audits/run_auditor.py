@@ -1,4 +1,4 @@
-"""The auditor of runs, which checks an execution against its scenario."""
+"""Auditor that checks an executed run against its scenario."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Audit of supports, in which a second robot holds the structure while the first one places a part.
+"""Audit of support tasks, in which a second robot holds the structure while the first one places a part.
 
-A support must begin in time and last until the placement ends.
+During the whole placement, the second robot must be at rest with its tool at the structure.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Audit of intermediate places of parts, and of the places of parts while machines work on them."""
+"""Audit of the positions of parts at intermediate places, and at machines while these work on them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twin.audits.motion.executed import Stay
 from twin.audits.places import rests_at
 
 _TICK = 1e-6
-"""Times of tables may differ by their rounding [s]."""
+"""Rounding tolerance of times in tables [s]."""
 
 
 def rest_violations(case: AuditCase) -> Iterator[Violation]:

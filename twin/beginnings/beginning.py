@@ -17,15 +17,15 @@ TEMPLATE = "tray"
 """Name of the shipped scenario that is copied by default."""
 
 SCHEMA = "scenario.schema.json"
-"""File of a new folder: what editors know of a scenario's keys."""
+"""File in a new folder: the JSON schema with which editors check and complete scenario keys."""
 
 _NAME = re.compile(
     r"(?!(?:true|false|null)$)[A-Za-z][A-Za-z0-9_.-]{0,63}", re.IGNORECASE
 )
-"""Names that YAML takes for texts, and scenarios for names."""
+"""Names that scenarios allow and that YAML reads as strings."""
 
 
-def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
+def create_scenario(target: Path, name: str = TEMPLATE) -> Path:
     """Copy a shipped scenario to a path, with its referenced files next to it.
 
     Nothing is overwritten.
@@ -39,7 +39,7 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
 
     Raises:
         ScenarioError: no scenario of that name comes with the program.
-        OutputError: the file is there already, or cannot be written.
+        OutputError: the file exists already, or cannot be written.
     """
     if name not in shipped_scenarios():
         choices = tuple(shipped_scenarios())
@@ -47,10 +47,10 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
             f"no scenario {name!r} comes with the program", choices=choices
         )
     source = shipped_scenarios()[name]
-    return write_beginning(target, source.read_text(encoding="utf-8"), source.parent)
+    return write_new_scenario(target, source.read_text(encoding="utf-8"), source.parent)
 
 
-def write_beginning(target: Path, text: str, folder: Path) -> Path:
+def write_new_scenario(target: Path, text: str, folder: Path) -> Path:
     """Write a scenario to a path, with its referenced files next to it.
 
     Args:

@@ -33,12 +33,12 @@ def init(
     quiet: Quiet = False,
 ) -> None:
     """Write a new scenario from a working one; existing files are not overwritten."""
-    from twin.beginnings.beginning import TEMPLATE, begin_scenario
+    from twin.beginnings.beginning import TEMPLATE, create_scenario
 
     file = None
     if source is not None and "design" in HOOKS:
         file = HOOKS.load("design")(path, source)
-    file = file or begin_scenario(path, source or TEMPLATE)
+    file = file or create_scenario(path, source or TEMPLATE)
     if quiet:
         return
     typer.echo(f"{file}: a copy of {source or TEMPLATE}. Try")

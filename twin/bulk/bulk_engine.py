@@ -1,7 +1,7 @@
-"""Bulk engine: simulation of many replications of a plan at the same time, without events.
+"""Bulk engine: simulation of many replications of a plan at the same time, without an event queue.
 
-Completion times are longest paths in the graph of the policy (see ``policy_graph``). If robots have acceleration
-limits and messages take no time, ``driven_times`` computes them node by node. Where no event is
+Completion times are longest paths in the precedence graph of the policy (see ``policy_graph``). For robots with
+acceleration limits, ``driven_times`` computes them node by node; messages then take no time. If no event is
 scheduled at a fixed time, the results equal those of the event engine to the nanosecond.
 """
 

@@ -1,13 +1,13 @@
-"""Node times of many replications, for robots with acceleration limits.
+"""Completion times of nodes in many replications, for robots with acceleration limits.
 
-The speed at the end of a node depends on which later nodes are released by then, so completion times are not longest
-paths. Replications are simulated one after another, each with a time-ordered queue of the next actions of the robots.
-At equal times, robots at rest start before moving robots decide their speed, as in the event engine. A robot
-that is released up to its next stop has no more decisions. If it starts from rest without disturbances,
-its node times are the same in every replication and are reused.
+The speed at the end of a node depends on the later nodes that are released by then, so completion times are not
+longest paths. Replications are simulated one after another, each with a time-ordered queue of the next actions of
+robots. At equal times, robots at rest start before moving robots decide on their speed, as in the event engine. If
+a robot starts from rest, is released up to its next stop and has no disturbance, its node times are the same in
+every replication. They are computed once and reused.
 
-Compiled inner functions take single arrays and numbers instead of tuples: numba counts references to an array from
-a tuple atomically, which took three quarters of the time.
+Compiled inner functions take single arrays and numbers instead of tuples. For an array in a tuple, numba counts
+references atomically, which took three quarters of the time.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _REMEMBERED = 4
 
 
 class _Passages(NamedTuple):
-    """Passages from rest to the end of a stretch, undisturbed: the same in every replication.
+    """Undisturbed motions from rest to the next stop, which are the same in every replication.
 
     Attributes:
         place: where the passage that begins with a node is, -1 if it is not known yet, shape (nodes,).

@@ -1,16 +1,16 @@
-"""Completion times and critical paths of many replications, as longest paths (max-plus algebra).
+"""Completion times and critical paths of many replications, computed as longest paths (max-plus algebra).
 
-Each policy is a precedence graph, stored as flat arrays for compiled code. Where every node starts as soon as its
-predecessors are complete, it ends at the greatest of their ends plus its own duration. One pass over the nodes in
-a total order computes this for all replications in parallel, with the same integer nanoseconds as the event engine.
+The precedence graph of each policy is stored as flat arrays for compiled code. If every node starts as soon as its
+predecessors are complete, its end is the latest end of its predecessors plus its duration. One pass over the nodes
+in topological order computes the ends in all replications, with the same integer nanoseconds as the event engine.
 
-Message latencies and limited queues are also maxima of sums. If a robot may have d nodes in its queue,
-the dispatcher releases node n after node n - d and all predecessors of n are reported complete, in order::
+Message latencies and action queues of limited length also give maxima of sums. If the queue of a robot holds at most
+d nodes, the dispatcher releases node n once node n - d and all predecessors of n are reported complete::
 
     released(n) = max(released(n - 1), end(n - d) + report, end(source) + report, ...)
     start(n)    = max(end(n - 1), released(n) + release)
 
-Known times of a run in progress can be given; the rest is computed from them. Causes of waits and critical
+For a run in progress, known times can be given, and the others are computed from them. Causes of waits and critical
 paths are derived from the node times of either engine.
 """
 

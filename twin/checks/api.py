@@ -1,4 +1,4 @@
-"""``twin.check``: errors and warnings about a scenario, found before planning."""
+"""The function ``twin.check``: errors and warnings about a scenario, found before planning."""
 
 from __future__ import annotations
 

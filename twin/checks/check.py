@@ -1,4 +1,4 @@
-"""All checks of a scenario, with findings in the order of the scenario file."""
+"""The check of a scenario, which runs all single checks and sorts the findings in the order of the scenario file."""
 
 from __future__ import annotations
 

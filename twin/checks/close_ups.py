@@ -1,4 +1,4 @@
-"""Close-ups: parts of a view that are drawn again, larger."""
+"""Selection of small areas of a view that are drawn again at a larger scale."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy.typing as npt
 from planning.transforms import Array
 
 _TINY = 18.0
-"""Things that are drawn smaller are drawn again [points]."""
+"""Objects that appear smaller than this are drawn again at a larger scale [points]."""
 
 _NEAR = 0.06
-"""Things nearer to each other than this share of the view are drawn together."""
+"""Objects closer to each other than this share of the view are drawn together."""
 
 _ROOM, _LARGER = 0.1, 1.5
 """Room around what is drawn again, of its size, and how much larger it must become for it to be."""

@@ -1,4 +1,4 @@
-"""Findings of checks, the data that checks receive, and the interface of checks for one kind of assembly."""
+"""Findings of checks, the data that checks receive, and the interface of checks for special kinds of assembly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Placement of names in a view, where there is room."""
+"""Placement of name labels in a view without overlap."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from planning.transforms import Array
 from twin.drawing.pictures import FRAME
 
 NAME_SIZE = 6
-"""Size of names in the picture [points]."""
+"""Font size of names in the picture [points]."""
 
 _LETTER, _LINE = 0.3, 0.75
 """Half the width and half the height of a name, over its size and letters."""
@@ -20,7 +20,7 @@ _LETTER, _LINE = 0.3, 0.75
 
 @dataclass
 class Names:
-    """Writes names where there is room.
+    """Writes name labels at free positions.
 
     Attributes:
         area: to write in.

@@ -1,4 +1,4 @@
-"""Overview of a robot description: fixed joints, links with their poses, and likely mistakes."""
+"""Overview of a robot description file: fixed joints, links with their poses, and likely mistakes."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Picture of a cell before the first motion, from above and from the side.
 
-Robots are drawn as their collision hulls at HOME, with the reach of their tool frames. Fixtures and objects are drawn
-at their start poses, and goal poses of objects as outlines.
+Robots are drawn as their collision hulls at HOME, their start configuration, with the reach of their tool frames.
+Fixtures and objects are drawn at their start poses, and goal poses of objects as outlines.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Checks that robots can reach all required poses, by the planner's inverse kinematics."""
+"""Checks that robots can reach all required poses, with the inverse kinematics of the planner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data sheets of robot and tool descriptions, as text, tables and a picture."""
+"""Data sheets of robot and tool description files, as text, tables and a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of robots: collisions at HOME, overlaps of bases, speeds, efforts and skill durations."""
+"""Checks of robots: collisions at the home configuration, overlaps of bases, speeds, efforts and skill durations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of tools and descriptions: finger openings, tool frames, flange axes, suction tools, collision shapes."""
+"""Checks of tools: finger openings, tool frames, flange axes, suction tools, and collision shapes."""
 
 from __future__ import annotations
 

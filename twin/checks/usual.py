@@ -1,6 +1,7 @@
-"""Checks of numbers against usual ranges: a number orders of magnitude outside of its range is likely a mistake.
+"""Checks of scenario values against usual ranges, to find likely mistakes such as wrong units.
 
-A table gives the usual values of scenario keys, with unit and reason. Only values in the file are compared.
+A table gives the usual range of each scenario key, with unit and reason. A value is reported if it is orders of
+magnitude outside of its range. Only values that the scenario file contains are compared, no defaults.
 """
 
 from __future__ import annotations

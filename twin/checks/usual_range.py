@@ -1,4 +1,4 @@
-"""Usual ranges of quantities. A number orders of magnitude outside of its range is likely a mistake."""
+"""Usual ranges of quantities, to find values that are probably mistakes."""
 
 from __future__ import annotations
 

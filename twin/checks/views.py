@@ -1,4 +1,4 @@
-"""Orthographic views of bodies in matplotlib."""
+"""Orthographic projections of bodies, drawn with matplotlib."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Address of a cluster, with a check that connections to it are encrypted or stay on this machine."""
+"""Network address of a compute cluster, with a check that connections to it are encrypted or local."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""TLS certificates of a cluster, created once, copied to its machines and required for every connection.
+"""TLS certificates of a compute cluster, required for every connection to it.
 
-A folder contains a certificate authority, one certificate signed by it, and the key of that certificate. The key of
-the authority is deleted, so no other certificate can be signed. Everyone with a copy of the folder has access.
+Certificates are created once and copied to all machines of the cluster. A folder contains a certificate authority,
+one certificate signed by it, and the key of that certificate. The key of the authority is deleted, so no other
+certificate can be signed. Everyone with a copy of the folder has access.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Executors that run function calls on a cluster, and errors of the cluster as messages with a remedy."""
+"""Executors that run function calls on a compute cluster, and error messages about the cluster."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ Host = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    typer.Option(min=0, help="Processes on this machine. Default: one a core."),
+    typer.Option(min=0, help="Processes on this machine. Default: one per core."),
 ]
 
 cluster = typer.Typer(

@@ -1,6 +1,6 @@
-"""Scheduler and workers of a cluster, which listen on one address and accept TLS connections only.
+"""Scheduler and workers of a compute cluster, which listen on one address and accept TLS connections only.
 
-The programs of Dask also serve dashboards, without certificates and by default on all addresses of a machine. This
+Dask's own programs also serve dashboards, without certificates and by default on all network interfaces. This
 module does not start dashboards.
 """
 

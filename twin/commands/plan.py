@@ -1,4 +1,4 @@
-"""``twin plan``: make a plan from a scenario or from an intermediate state of a run, and save it."""
+"""``twin plan``: plan a scenario, or its remaining steps from an intermediate state of a run, and save the plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output of a command: progress while it works, then its result as JSON or tables."""
+"""Terminal output of a command: progress messages, then the result as JSON or as tables."""
 
 from __future__ import annotations
 

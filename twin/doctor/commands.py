@@ -1,4 +1,4 @@
-"""``twin doctor``: report on the installation: versions, missing packages, collision engine of the audit."""
+"""``twin doctor``: report about the installation, with versions, missing packages and the audit's collision engine."""
 
 from __future__ import annotations
 

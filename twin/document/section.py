@@ -1,4 +1,4 @@
-"""Base class of all sections of a scenario file: strict fields, names, and descriptions of keys in the schema."""
+"""Base class of all sections of a scenario file: strict fields, names, and key descriptions in the JSON schema."""
 
 from __future__ import annotations
 
@@ -82,11 +82,11 @@ def _plain(text: str) -> str:
 
 
 if TYPE_CHECKING:
-    Two = tuple[Item, Item]
-    Three = tuple[Item, Item, Item]
+    PairOf = tuple[Item, Item]
+    TripleOf = tuple[Item, Item, Item]
 else:
-    Two = Annotated[tuple[Item, ...], Field(min_length=2, max_length=2)]
-    Three = Annotated[tuple[Item, ...], Field(min_length=3, max_length=3)]
+    PairOf = Annotated[tuple[Item, ...], Field(min_length=2, max_length=2)]
+    TripleOf = Annotated[tuple[Item, ...], Field(min_length=3, max_length=3)]
 
 
 class Section(BaseModel):
@@ -123,11 +123,11 @@ class Section(BaseModel):
         return self.model_copy(update=values)
 
 
-class WingSection(Section):
-    """Optional section of a wing at the top of a scenario, on which nothing of a run depends.
+class OptionalSection(Section):
+    """Optional top-level section of a scenario, which does not affect runs.
 
     Attributes:
-        purpose: what it is for, shown by editors.
+        purpose: purpose of the section, shown by editors.
     """
 
     purpose: ClassVar[str]

@@ -1,4 +1,4 @@
-"""Validation of documents by pydantic, with its errors translated for authors of files."""
+"""Validation of input files with pydantic, with error messages for the authors of these files."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _UNIT_WORDS = {
 }
 
 
-Found = Iterator[tuple[KeyPath, str]]
-"""What is wrong with a scenario, each with its key."""
+Problems = Iterator[tuple[KeyPath, str]]
+"""Problems of a scenario: pairs of a key and a message."""
 
 # Kinds of pydantic's errors, and what was expected.
 _EXPECTED = {
@@ -145,7 +145,7 @@ def unknown_name(what: str, name: str, valid: Sequence[str]) -> UnknownName:
 
 def check_known_name(
     at: KeyPath, what: str, name: str | None, valid: Collection[str], none: str = ""
-) -> Found:
+) -> Problems:
     """Yield a problem if a given name is unknown.
 
     Args:

@@ -1,8 +1,8 @@
 """Strict YAML reader: one document, no repeated keys, numbers of YAML 1.2, and the position of every value.
 
-PyYAML follows YAML 1.1, where ``on`` is true, ``1e3`` is text and ``1:30`` is ninety. It also accepts repeated keys and
-keeps the last value. To avoid such mistakes in scenarios, this module reads the document as nodes, which have a line
-and column, and constructs the values itself.
+PyYAML follows YAML 1.1, where ``on`` is true, ``1e3`` is text and ``1:30`` is ninety. It also accepts repeated keys
+and keeps the last value. Such values in a scenario would be silent mistakes. So this module uses PyYAML only to
+parse the document to nodes, which have a line and column, and constructs the values itself.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from typing import Any
 import yaml
 
 Spot = tuple[int, int]
-"""Line and column in a text, both from 0."""
+"""Line and column within a text value, both counted from 0."""
 
 KeyPath = tuple[str | int | Spot, ...]
-"""Keys and list positions from the top of the document to a value, and a spot in a text there.
+"""Keys and list positions from the top of the document to a value, optionally with a position in its text.
 
-What ends in ``"[key]"`` is the last key itself, not its value.
+A path that ends in ``"[key]"`` refers to the last key, not to its value.
 """
 
-# An alias is cheap to write and may unfold without bound; no real scenario comes near this.
+# Nested aliases can multiply values without bound; no real scenario has nearly so many.
 _MOST_NODES = 500_000
 
 _PLAIN_TAGS = ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq")
 
-# Sections stand in each other six deep; JSON, which they are read from, ends at two hundred.
+# Scenarios are nested six levels deep; the JSON reader of pydantic allows two hundred.
 _DEEPEST = 60
 
-# Longer ones are no quantity, and Python refuses to parse them from 4300 digits on.
 LARGEST_TEXT = 8 << 20
-"""Most characters of a document, which takes about a minute to parse."""
+"""Greatest number of characters in a document, which takes about a minute to parse."""
 
+# Longer integers are no quantities, and Python refuses to parse those of more than 4300 digits.
 _LONGEST_INT = 40
 
 _BOOL = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
@@ -47,7 +47,7 @@ _FLOAT = re.compile(
 )
 
 _WIDTH = 100
-"""Columns of a line of YAML, about."""
+"""Approximate number of columns of a line of YAML."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class FileProblem:
     """A problem of a file.
 
     Attributes:
-        mark: where.
+        mark: its position.
         message: the problem and its remedy.
     """
 
@@ -72,10 +72,10 @@ class FileProblem:
 
 
 class Elsewhere(str):
-    """A message with another position in the file, appended as line:column.
+    """A message that refers to another position in the file, which is appended as line:column.
 
     Attributes:
-        at: key of that place.
+        at: path to the value at the other position.
     """
 
     at: KeyPath
@@ -121,8 +121,8 @@ class YamlDocument:
     def mark_of(self, path: KeyPath, *, key: bool = False) -> Mark:
         """Return the position of the value at ``path``, or of its key, or of its container.
 
-        In a block (``|``) the text starts on the line after the mark; elsewhere the mark of the
-        whole text has to do for a spot in it.
+        A position in a text is exact only in a block (``|``), whose text starts on the line after its mark.
+        Otherwise the position of the whole text is returned.
         """
         at = self.nearest(path)
         if key and at in self.keys:
@@ -139,7 +139,7 @@ class YamlDocument:
         return Mark(row + line + 1, indent + column + 1)
 
     def problem(self, path: KeyPath, message: str) -> FileProblem:
-        """Return a problem at ``path``, of names at their key."""
+        """Return a problem at ``path``; problems of names are reported at their key."""
         if isinstance(message, Elsewhere):
             other = self._mark_of_named(message.at)
             message = f"{message} at {other.line}:{other.column}"
@@ -260,7 +260,7 @@ class _Builder:
 
     def _scalar(self, node: yaml.ScalarNode) -> Any:
         text = str(node.value)
-        if node.style is not None:  # quoted or block: text, whatever it looks like
+        if node.style is not None:  # a quoted or block scalar is always text
             return text
         standard = "tag:yaml.org,2002:"
         if not node.tag.startswith(standard) or "python" in node.tag:
@@ -289,7 +289,7 @@ def _mark(node: yaml.Node) -> Mark:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes what fits on a line on one line, and indents lists."""
+    """Writes short lists and mappings on one line, and indents lists."""
 
     def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
         super().increase_indent(flow, False)
@@ -300,7 +300,9 @@ class _Dumper(yaml.SafeDumper):
             node.flow_style = True
         quoted = isinstance(data, str) and plain_scalar(data) != data
         if isinstance(node, yaml.ScalarNode) and quoted:
-            node.style = "'"  # YAML 1.1, which PyYAML writes, reads some as text
+            node.style = (
+                "'"  # PyYAML writes YAML 1.1, in which some of these are plain text
+            )
         return node
 
 
@@ -309,7 +311,7 @@ def scenario_text(content: dict[str, Any], note: str) -> str:
 
     Args:
         content: its content, as plain dictionaries, lists and scalars.
-        note: goes on top as a comment.
+        note: comment at the top.
     """
     body = yaml.dump(
         content,

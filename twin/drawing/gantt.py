@@ -1,4 +1,4 @@
-"""Gantt chart of a run, with one lane per robot, wrapped into several rows."""
+"""Gantt chart of a run, with one lane per robot; the time axis is wrapped into several rows."""
 
 from __future__ import annotations
 

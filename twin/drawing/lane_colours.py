@@ -1,4 +1,4 @@
-"""Colours of Gantt lanes, by kind of task or by state of a robot at rest."""
+"""Colours of Gantt chart lanes, by type of task or by state of a robot at rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Colours of drawn robots and fixtures: one colour per robot, and for fixtures their own colour or grey."""
+"""Colours of robots and fixtures in drawings.
+
+Each robot has one colour. Fixtures have the colour of their description, or grey.
+"""
 
 from __future__ import annotations
 

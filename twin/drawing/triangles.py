@@ -1,4 +1,4 @@
-"""Triangle meshes of shapes for drawing: finely divided round shapes, and meshes unchanged."""
+"""Triangle meshes of shapes for drawing: round shapes are tessellated finely, meshes are used unchanged."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BENDS = 12
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """Triangles as they are drawn.
+    """Triangles of a drawn shape.
 
     Attributes:
         vertices: shape (v, 3) [m].

@@ -1,7 +1,7 @@
-"""Interface between the dispatcher and the driver of a robot, which executes released nodes and reports its progress.
+"""Interface between the dispatcher and a robot driver, which executes released nodes and reports its progress.
 
-A driver executes the nodes of its robot in order and stops at the end of the last released one, even if the dispatcher
-fails. A released node is never withdrawn.
+A node is a piece of the planned motion of one robot. A driver executes the nodes of its robot in order and stops at the
+end of the last released one, even if the dispatcher fails. A released node is never withdrawn.
 """
 
 from __future__ import annotations
@@ -90,11 +90,11 @@ def cleared_node(
 ) -> ClearedNode:
     """Return a node of a plan in the form sent to its driver.
 
-    One in which another robot's tool acts takes no time, as it is passed once that has been done.
+    A node in which the tool of another robot acts has no duration: the driver continues once that action is done.
 
     Args:
         tpg: the plan.
-        chain, node: which one.
+        chain, node: of the node.
         acts: tool actions by node of the chain, see ``actuation_nodes``.
     """
     own = tpg.chains[chain]
@@ -121,7 +121,7 @@ class Sample:
     Attributes:
         at_s: when, by the clock of its driver [s].
         q: measured joint positions, shape (n,) [rad or m].
-        begun, done: nodes that it had begun, and was through with, from its first one on.
+        begun, done: numbers of nodes, from the first one on, that it had begun and completed.
     """
 
     at_s: float

@@ -1,4 +1,4 @@
-"""The drivers file, which names the driver of each robot and the network address at which drivers connect."""
+"""Configuration file of robot drivers: the driver of each robot, and the network address to which drivers connect."""
 
 from __future__ import annotations
 
@@ -150,9 +150,7 @@ def read_drivers(path: Path, robots: tuple[str, ...]) -> DriversSection:
         if isinstance(own, FrankaArm | RegisteredDriver)
     ]
     if section.pace != 1.0 and real:
-        words = (
-            f"pace: {real[0]} is a real robot, whose time goes as it goes: leave it out"
-        )
+        words = f"pace: {real[0]} is a real robot, whose speed cannot be scaled: leave it out"
         problems.append(document.problem(("pace",), words))
     if problems:
         raise InvalidScenarioError(path, problems, document.lines)

@@ -1,10 +1,11 @@
-"""Driver of Franka Robotics arms (FR3, Panda), by libfranka: package ``franky-control``, extra ``franka``.
+"""Driver of Franka Robotics arms (FR3, Panda), with libfranka through the Python package ``franky-control``.
 
-A straight segment in joint space is one Ruckig motion that starts and ends at rest. Its joint limits are in proportion
-to the joint displacements, so the path stays straight. If nodes on the same line are released meanwhile, the motion
-is extended before it begins to brake. At a corner the robot stops, and continues when the measured distance to
-the corner is small enough for a given path tolerance. The thread of libfranka executes the motions, at most to the end
-of the last released node, even if the dispatcher fails. If this process ends, the robot controller stops the robot.
+A straight segment in joint space is one motion that starts and ends at rest, timed by Ruckig. Its joint limits are
+in proportion to the joint displacements, so the path stays straight. If further nodes on the same line are released
+during the motion, the motion is extended before the robot brakes. At a corner the robot stops, and continues when the
+measured distance to the corner is within a given path tolerance. The thread of libfranka executes the motions,
+at most to the end of the last released node, even if the dispatcher fails. If this process ends, the robot
+controller stops the robot. Installation: extra ``franka``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The released path of a robot, divided into straight segments in joint space, and the position of the robot on it.
+"""Released path of a robot as straight joint-space segments, and the robot's position on it.
 
 Each segment is called a leg. The robot is at rest at both ends of a leg.
 """

@@ -1,4 +1,4 @@
-"""Driver of a simulated arm, which follows its nodes in real time without hardware."""
+"""Driver of a simulated arm, which follows its planned motion in real time without hardware."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrde
 
 
 class SimulatedArm:
-    """A driver that passes nodes in their planned times.
+    """A driver that executes nodes with their planned durations.
 
     Args:
         clock: returns the time [s].
-        pace: how many times as fast as planned.
-        fails: returns for the first node of a skill whether it fails.
-        stands: joint positions of the arm after a restart, shape (n,); by default where the
-            plan has it.
-        reach: how far from the path it may stand then [rad or m].
+        pace: factor on the planned speed.
+        fails: returns whether a skill fails, given its first node.
+        stands: joint positions of the arm after a restart, shape (n,); by default those of the plan.
+        reach: greatest distance from the path after a restart [rad or m].
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class SimulatedArm:
         """Append cleared nodes; see Driver."""
         self._advance()
         if self._failed >= 0:
-            # It stands where the skill began, not where that would have ended.
+            # The arm is at the start of the failed skill, not at its end.
             k = self._failed - self._first
             stands = self._before(k)[None]
             tried = replace(self._nodes[k], waypoints=stands, seconds=np.zeros(1))
@@ -63,10 +62,10 @@ class SimulatedArm:
             self._failed, self._words = -1, ""
         self._nodes += nodes
         if self._stands is not None:
-            self._find_itself()
+            self._locate_on_path()
 
-    def _find_itself(self) -> None:
-        """Start at the nearest point of the path, unless it is too far."""
+    def _locate_on_path(self) -> None:
+        """Start at the nearest point of the path, unless it is too far away."""
         assert self._stands is not None
         found = []
         for k, node in enumerate(self._nodes):
@@ -110,12 +109,12 @@ class SimulatedArm:
         self._acted_s = self._clock() + order.seconds / self._pace
 
     def hold(self, held: bool) -> None:
-        """Stop, or continue."""
+        """Stop the arm, or let it continue."""
         self._advance()
         self._held = held
 
     def leave(self) -> None:
-        """Continue to the end of its cleared nodes and end."""
+        """Do nothing: the arm continues to the end of its cleared nodes."""
 
     def _sample(self, at_s: float, *, begins: bool = False) -> None:
         begun = self._done + (begins or self._gone > 0.0)

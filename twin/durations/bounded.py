@@ -1,4 +1,4 @@
-"""Fixed, uniform, triangular and PERT distributions of durations between bounds, and their fits."""
+"""Duration distributions with bounds (fixed, uniform, triangular, PERT), and their fits to data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Shifted durations, durations with retries, and the types of scenario keys that accept any distribution."""
+"""Duration models composed of others: a constant offset plus a distribution, and attempts with retries.
+
+The module also defines the types of scenario keys that accept any distribution.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base class of distributions that can be fitted to measured durations, for many samples at a time."""
+"""Base class of duration distributions that can be fitted to measured data, for many samples in one call."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Duration models in a scenario file, selected by the key ``kind``: built-in models and registered ones."""
+"""Union type of all duration models in a scenario file, built-in and registered, selected by the key ``kind``."""
 
 from __future__ import annotations
 

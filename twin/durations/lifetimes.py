@@ -1,4 +1,4 @@
-"""Exponential, gamma and Weibull distributions of durations, and their fits."""
+"""Exponential, gamma and Weibull distributions of durations, and their fits to data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lognormal durations, and their fits."""
+"""Lognormal distribution of durations, and its fit to data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Empirical distributions of measured durations."""
+"""Empirical distributions of durations: measured values, each with the same probability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Integer nanoseconds, the unit of time in simulations.
+"""Integer nanoseconds, the unit of time in simulations, and their conversion from seconds.
 
 Sums of integers do not depend on the order of addition.
 """

@@ -1,4 +1,4 @@
-"""Truncated normal durations, and their fits."""
+"""Truncated normal distribution of durations, and its fit to data."""
 
 from __future__ import annotations
 

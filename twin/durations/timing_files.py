@@ -1,4 +1,4 @@
-"""Reading of CSV files of measured durations, from a column of durations or from two columns of time stamps."""
+"""Reader of CSV files with measured durations, given as one column of durations or two columns of time stamps."""
 
 from __future__ import annotations
 

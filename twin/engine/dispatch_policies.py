@@ -1,9 +1,9 @@
-"""Dispatch policies: rules for when the dispatcher releases a node.
+"""Dispatch policies: rules for when the dispatcher releases a node (a piece of planned motion) to its robot.
 
 The engines release a node when all its predecessors in the graph are complete. A policy adds edges to the graph of the
-plan, and engines, forecasts and exports treat these like other edges. The engines implement two built-in policies
-separately: in open loop robots follow the planned times, and in sequential execution machines work while robots
-take turns.
+plan. Engines, forecasts and exports treat these like other edges. Two built-in policies are implemented in the engines
+instead: the open-loop policy, in which robots follow the planned times, and the sequential policy, in which one robot
+works at a time while machines work in parallel.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from twin.registry import POLICIES
 
 
 class DispatchPolicy(Protocol):
-    """Makes nodes wait for more than their plan says."""
+    """Function that adds edges to the graph of a plan, so that nodes wait for further nodes."""
 
     def __call__(self, tpg: TemporalPlanGraph, /) -> Indices:
         """Return further edges of a graph, shape (e, 4).

@@ -1,4 +1,4 @@
-"""Simulated robots with acceleration limits, which pass from one node to the next without stopping."""
+"""Simulated robots with acceleration limits, which do not stop between the pieces (nodes) of their planned motion."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from twin.uncertainty.node_times import NodeTimes, Standstill
 from twin.uncertainty.stopped_skills import stopped_skill
 
 _AFTER_MESSAGES = EventPriority(8)
-"""Priority of decisions at borders: what arrives at the same time counts."""
+"""Priority of decisions at borders of nodes: messages that arrive at the same time are processed first."""
 
 
 class DrivenRobots(RobotPort):
-    """Robots that pass borders of nodes at speed.
+    """Robots that move from node to node without stopping.
 
     At each border a robot enters the next node as fast as it can while still able to stop at the end of
     the last cleared node. Execution is ``lag`` behind the command, so a node is reported complete that
@@ -39,7 +39,7 @@ class DrivenRobots(RobotPort):
     driven = True
 
     def __init__(self, execution: Execution) -> None:
-        self._cell = execution
+        self._execution = execution
         self.upcoming = execution.next_event_ns
         self._at_rest = SimulatedRobots(execution, self._motion_time)
         self._passages: list[Passage] = []
@@ -49,7 +49,7 @@ class DrivenRobots(RobotPort):
 
     def extended(self) -> None:
         """Take over the drive times of the extended graph."""
-        tpg, times = self._cell.tpg, self._cell.times
+        tpg, times = self._execution.tpg, self._execution.times
         overrides = map(times.override, range(len(tpg.chains)))
         self._drives = list(map(drive_times, tpg.chains, times.motion, overrides))
         self._lengths = [drive.length.tolist() for drive in self._drives]
@@ -72,7 +72,7 @@ class DrivenRobots(RobotPort):
 
     def node_times(self) -> NodeTimes:
         """Return node durations and standstills, which may be some nodes after braking began."""
-        cell = self._cell
+        execution = self._execution
         motions, stalls, stands = [], [], []
         for k, own in enumerate(self._given):
             length = self._drives[k].length
@@ -81,23 +81,23 @@ class DrivenRobots(RobotPort):
             waited = np.zeros(len(length), dtype=np.int64)
             for item in stood:
                 waited[item.node] += item.duration_ns
-            start, end = np.array(cell.start[k]), np.array(cell.end[k])
+            start, end = np.array(execution.start[k]), np.array(execution.end[k])
             took = end - start - waited
-            if cell.stops is not None:
-                # Stops are commands, and execution lags behind.
+            if execution.stops is not None:
+                # Stops apply to commands, which execution lags behind.
                 lag = self._drives[k].lag
                 opens = [self.rests_before(k, node) for node in range(len(length))]
                 commanded = np.where(opens, start, start - lag), end - lag
                 spans = zip(*(times.tolist() for times in commanded), strict=True)
-                took -= [cell.stops[k].stopped_between(a, b) for a, b in spans]
+                took -= [execution.stops[k].stopped_between(a, b) for a, b in spans]
             moved = length > 0.0
             moved[[n for (c, n), x in self._stopped.items() if c == k and x]] = True
             moved &= end >= 0
-            motions.append(np.where(moved, took, cell.times.motion[k]))
+            motions.append(np.where(moved, took, execution.times.motion[k]))
             stalls.append(waited)
             stands.append(tuple(stood))
         return replace(
-            cell.times,
+            execution.times,
             motion=tuple(motions),
             stood=tuple(stalls),
             standstills=tuple(stands),
@@ -108,8 +108,8 @@ class DrivenRobots(RobotPort):
         found = []
         for k, passage in enumerate(self._passages):
             rows = np.array(passage.commands, float).reshape(-1, 5)
-            if override := self._cell.times.speed_override:
-                # Paths and speeds count from full speed as planned; stops of skills have no speed.
+            if override := self._execution.times.speed_override:
+                # Path parameters and speeds assume the planned full speed; stops within skills have none.
                 node = rows[:, 1].astype(np.int64)
                 moved = self._drives[k].length[node] > 0.0
                 rows[moved, 2:] *= override[k][node[moved]][:, None]
@@ -118,16 +118,20 @@ class DrivenRobots(RobotPort):
 
     def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a node once it is released; return whether its task failed for good."""
-        cell = self._cell
+        execution = self._execution
         if self._passages[chain].speed > 0.0:
-            if cell.planned is None:
-                cell.queue[chain].popleft()
-        elif cell.planned is None or self.rests_before(chain, node):
+            if execution.planned is None:
+                execution.queue[chain].popleft()
+        elif execution.planned is None or self.rests_before(chain, node):
             yield from self._at_rest.until_released(chain, node)
-        # A graph that has been extended meanwhile may have another node there, after a rest.
+        # An extension of the graph may have replaced this node by one that begins at rest.
         opens = self.rests_before(chain, node)
-        if opens and node and (lag := cell.end[chain][node - 1] - cell.now_ns) > 0:
-            yield cell.env.timeout(lag)
+        if (
+            opens
+            and node
+            and (lag := execution.end[chain][node - 1] - execution.now_ns) > 0
+        ):
+            yield execution.env.timeout(lag)
         if self._lengths[chain][node] <= 0.0:
             return (yield from self._at_rest.perform(chain, node))
         yield from self._drive(chain, node, opens=opens)
@@ -141,16 +145,16 @@ class DrivenRobots(RobotPort):
 
     def _drive(self, chain: int, node: int, *, opens: bool) -> Steps:
         """Pass a node of a stretch."""
-        cell, passage = self._cell, self._passages[chain]
+        execution, passage = self._execution, self._passages[chain]
         lag = int(self._drives[chain].lag[node])
-        stops = None if cell.stops is None else cell.stops[chain]
-        yield cell.end_of_instant(_AFTER_MESSAGES)
-        now = cell.now_ns
+        stops = None if execution.stops is None else execution.stops[chain]
+        yield execution.end_of_instant(_AFTER_MESSAGES)
+        now = execution.now_ns
         if passage.speed <= 0.0:
             passage.rest(now if stops is None else stops.after(now))
-        start = cell.start[chain][node] = passage.now_ns + (0 if opens else lag)
-        if cell.impatient:
-            cell.count_patience(chain, node, start - now)
+        start = execution.start[chain][node] = passage.now_ns + (0 if opens else lag)
+        if execution.impatient:
+            execution.count_patience(chain, node, start - now)
         self._record(start - now, "started", chain, node)
         given = self._given[chain].get(node, ())
         stood = passage.go(node, self._cleared(chain, node), given, stops)
@@ -158,22 +162,25 @@ class DrivenRobots(RobotPort):
         for begin, item in stood:
             self._record(begin + lag - now, item, chain, node)
         if (wait := passage.now_ns - now) > 0:
-            yield cell.env.timeout(wait)
-        cell.complete(chain, node, lag)
+            yield execution.env.timeout(wait)
+        execution.complete(chain, node, lag)
         self._record(lag, "completed", chain, node)
         if node == self._lasts[chain][node]:
             passage.speed = 0.0
             if lag:
-                yield cell.env.timeout(lag)
+                yield execution.env.timeout(lag)
 
     def _motion_time(self, chain: int, node: int, begin_ns: int, offset_ns: int) -> int:
         """Return when a skill's motion has lasted for a duration, braking for stops included [ns]."""
-        cell = self._cell
-        if cell.stops is None:
+        execution = self._execution
+        if execution.stops is None:
             return begin_ns + offset_ns
         if (chain, node) not in self._stopped:
-            motion, stops = cell.motion[chain][node], cell.stops[chain].stop_after
-            found = stopped_skill(cell.tpg, (chain, node), motion, begin_ns, stops)
+            motion, stops = (
+                execution.motion[chain][node],
+                execution.stops[chain].stop_after,
+            )
+            found = stopped_skill(execution.tpg, (chain, node), motion, begin_ns, stops)
             self._stopped[chain, node] = found
             if found is not None:
                 self._passages[chain].commands.append(
@@ -186,26 +193,26 @@ class DrivenRobots(RobotPort):
 
     def _cleared(self, chain: int, node: int) -> int:
         """Return the last node that a robot is cleared for, by its messages so far."""
-        if self._cell.planned is not None:
+        if self._execution.planned is not None:
             return int(self._drives[chain].last[node])
-        return node + len(self._cell.queue[chain])
+        return node + len(self._execution.queue[chain])
 
     def _record(
         self, delay_ns: int, what: EventKind | Standstill, chain: int, node: int
     ) -> None:
         """Record an event of a node, or a standstill in it, at its execution time."""
-        cell, narrator = self._cell, self._cell.narrator
+        execution, narrator = self._execution, self._execution.narrator
         if narrator is None:
             return
         if not isinstance(what, Standstill):
-            cell.after(delay_ns, narrator.emit, what, chain, node)
+            execution.after(delay_ns, narrator.emit, what, chain, node)
             return
 
         def stands() -> None:
             narrator.stands(chain, node, what)
-            over = cell.env.timeout(what.duration_ns)
+            over = execution.env.timeout(what.duration_ns)
             over.callbacks.append(
                 lambda _: narrator.end_standstill(chain, node, what, 0)
             )
 
-        cell.after(delay_ns, stands)
+        execution.after(delay_ns, stands)

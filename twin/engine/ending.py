@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 EndingCode = Literal["driver-lost", "off-path", "nothing-to-come", "no-progress"]
-"""Causes: driver lost within a node; robot off its path; no further event possible; no progress for a long time."""
+"""Causes: connection to the driver lost during a node; robot off its path; no further event; no progress for long."""
 
 
 @dataclass(frozen=True)
 class PendingNode:
-    """The next node of a robot at the end of a session.
+    """The next node of a robot when an execution ends.
 
     Attributes:
         robot, node, task: the robot, the index of its node, and the index of the task of that.

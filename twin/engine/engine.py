@@ -1,8 +1,8 @@
-"""Event engine: discrete-event simulation of robots that execute a temporal plan graph (APEX-MR, Section IV-D, Fig. 4).
+"""Event engine: discrete-event simulation of robots that execute a temporal plan graph (APEX-MR, section IV-D, Fig. 4).
 
 Every robot is a SimPy process that takes nodes from its action queue, executes them and reports their completion. One
 dispatcher process owns the state of the graph and releases nodes whose predecessors are complete. Time is in integer
-nanoseconds. Events are processed in the order of time, priority and counter.
+nanoseconds. Events are processed in the order of time, then priority, then insertion.
 """
 
 from __future__ import annotations

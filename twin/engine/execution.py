@@ -1,7 +1,7 @@
-"""Execution of a temporal plan graph: the state of one run, and the dispatcher (APEX-MR, Section IV-D).
+"""Execution of a temporal plan graph: the state of one run, and the dispatcher (APEX-MR, section IV-D).
 
 ``Dispatcher`` in scheduling/graph/dispatcher.py finds the nodes that may start; ``Execution`` releases them to robots.
-The module ``ports`` defines interfaces to robots, late objects, replanning and people.
+The module ``ports`` defines the interfaces of an execution to robots, object deliveries, replanning and people.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from twin.uncertainty.node_times import NodeTimes
 
 @dataclass(frozen=True)
 class Ports:
-    """Makers of the ports of an execution, each given the execution.
+    """Factories of the interface objects (ports) of an execution; each takes the execution as argument.
 
     Attributes:
         robots: execute nodes.
-        supply: brings objects that arrive late; None where all are there.
-        replanner: extends the graph; None where it stays as it is.
+        supply: objects that arrive late; None if all are present from the beginning.
+        replanner: extends the graph after failures, see twin/operations/replanner.py; None for a fixed graph.
         audience: people next to the cell; None for none.
     """
 

@@ -1,4 +1,4 @@
-"""Execution model of a plan: policy, durations, messages and disturbances."""
+"""Model of the execution of a plan: dispatch policy, random durations, message latencies and disturbances."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
 
 UNLIMITED = 2**40
-"""More nodes than any plan has."""
+"""Queue length without limit: larger than the number of nodes of any plan."""
 
 OTHER = 2
 """Cause of a wait without an edge of the plan: a message in transit, the clock, the sequence."""

@@ -1,7 +1,7 @@
-"""Additional waits in a plan, from a registered policy and from maximum times between steps.
+"""Additional waits in a plan: those of a registered dispatch policy, and those that keep time windows.
 
-If a later step must begin within a time after an earlier task, the earlier task is delayed until the later step is
-likely to be in time.
+If a step must begin within a maximum time after an earlier task, the earlier task is delayed until the step
+is likely to begin in time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _DRAWS, _MOST_VALUES = 2000, 10_000_000
 def with_model_holds(
     tpg: TemporalPlanGraph, model: ExecutionModel
 ) -> TemporalPlanGraph:
-    """Return a graph with the waits of a registered policy, and with window-opening tasks held back.
+    """Return a graph with the waits of a registered policy, and with delays of tasks that open time windows.
 
     Tasks are held back, see ``with_window_hold_edges``, only under asynchronous release: a planned clock,
     turns and slots hold tasks back by themselves. A later step is forecast by the longest remaining path

@@ -1,4 +1,4 @@
-"""Event rows of a run for recorders, with details as readable text."""
+"""Event log rows of a run, with details as readable text."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Motion of one robot through its nodes within acceleration limits.
+"""Motion of one robot through consecutive nodes (pieces of its path) within acceleration limits, without stops.
 
-At the end of each node, the speed depends on how far the robot is released by then.
+The speed at the end of each node depends on how many later nodes are released by then.
 """
 
 from __future__ import annotations

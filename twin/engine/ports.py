@@ -1,4 +1,4 @@
-"""Interfaces of an execution to robots, late objects, replanning, and people next to the cell.
+"""Interfaces of an execution to robots, object deliveries, replanning, and people next to the cell.
 
 ``Execution`` owns the graph, the clock and the dispatcher. Simulation, operation with people, and runs with robot
 drivers implement these interfaces differently.

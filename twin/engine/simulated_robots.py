@@ -1,4 +1,4 @@
-"""Simulated robots that start and end every node at rest."""
+"""Simulated robots that start and end every piece (node) of their planned motion at rest."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MotionTime = Callable[[int, int, int, int], int]
 
 
 class SimulatedRobots(RobotPort):
-    """Robots that execute each node from rest to rest, in its drawn duration.
+    """Robots that execute each node from rest to rest, in a randomly drawn duration.
 
     Args:
         execution: the run.
@@ -34,18 +34,18 @@ class SimulatedRobots(RobotPort):
     def __init__(
         self, execution: Execution, motion_time: MotionTime | None = None
     ) -> None:
-        self._cell = execution
+        self._execution = execution
         self.upcoming = execution.next_event_ns
         self._motion_time = motion_time or self.motion_time
 
     def node_times(self) -> NodeTimes:
         """Return node durations and standstills."""
-        return self._cell.times
+        return self._execution.times
 
     def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a node once it is released; return whether its task failed for good."""
-        queue = self._cell.queue[chain]
-        if queue and self._cell.planned is None:
+        queue = self._execution.queue[chain]
+        if queue and self._execution.planned is None:
             queue.popleft()
         else:
             yield from self.until_released(chain, node)
@@ -53,62 +53,62 @@ class SimulatedRobots(RobotPort):
 
     def until_released(self, chain: int, node: int) -> Steps:
         """Wait until a node is released, or for its planned start."""
-        cell = self._cell
-        queue = cell.queue[chain]
-        if cell.planned is not None:
+        execution = self._execution
+        queue = execution.queue[chain]
+        if execution.planned is not None:
             yield from self._until_planned(chain, node)
             return
         # What has arrived may be withdrawn at the same time.
         while not queue:
-            arrival = cell.idle[chain] = cell.env.event()
-            if cell.narrator is not None:
-                check = cell.end_of_instant(_LAST)
-                check.callbacks.append(lambda _: cell.report_wait(chain, node))
+            arrival = execution.idle[chain] = execution.env.event()
+            if execution.narrator is not None:
+                check = execution.end_of_instant(_LAST)
+                check.callbacks.append(lambda _: execution.report_wait(chain, node))
             yield arrival
         queue.popleft()
 
     def _until_planned(self, chain: int, node: int) -> Steps:
         """Wait until the planned start of a node, without regard to other robots."""
-        cell = self._cell
-        assert cell.planned is not None
-        early = cell.planned[chain][node] - cell.now_ns
+        execution = self._execution
+        assert execution.planned is not None
+        early = execution.planned[chain][node] - execution.now_ns
         if early > 0:
-            if cell.narrator is not None:
-                at = f"{cell.planned[chain][node] / NANOSECONDS:.3f} s"
+            if execution.narrator is not None:
+                at = f"{execution.planned[chain][node] / NANOSECONDS:.3f} s"
                 detail = f"waits for its planned start at {at}"
-                cell.narrator.emit("waiting", chain, node, detail=detail)
-            yield cell.env.timeout(early)
+                execution.narrator.emit("waiting", chain, node, detail=detail)
+            yield execution.env.timeout(early)
 
     def perform(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a released node and report it; return whether its task failed for good."""
-        cell = self._cell
-        if cell.stops is not None:
-            now = cell.now_ns
-            if (stop := cell.stops[chain].after(now) - now) > 0:
-                yield cell.env.timeout(stop)
-        if cell.supply is not None and cell.supply.miss(chain, node):
+        execution = self._execution
+        if execution.stops is not None:
+            now = execution.now_ns
+            if (stop := execution.stops[chain].after(now) - now) > 0:
+                yield execution.env.timeout(stop)
+        if execution.supply is not None and execution.supply.miss(chain, node):
             return True
-        failed = node == cell.times.failed[chain]
-        now = cell.start[chain][node] = cell.now_ns
-        if cell.impatient:
-            cell.count_patience(chain, node)
-        if cell.narrator is not None:
-            yield from self._execute_watched(cell.narrator, chain, node)
-        elif cell.stops is None:
-            motion_ns = 0 if failed else cell.motion[chain][node]
-            yield cell.env.timeout(cell.stood[chain][node] + motion_ns)
+        failed = node == execution.times.failed[chain]
+        now = execution.start[chain][node] = execution.now_ns
+        if execution.impatient:
+            execution.count_patience(chain, node)
+        if execution.narrator is not None:
+            yield from self._execute_watched(execution.narrator, chain, node)
+        elif execution.stops is None:
+            motion_ns = 0 if failed else execution.motion[chain][node]
+            yield execution.env.timeout(execution.stood[chain][node] + motion_ns)
         else:
-            end = self.motion_time(chain, node, now, cell.stood[chain][node])
+            end = self.motion_time(chain, node, now, execution.stood[chain][node])
             if not failed:
                 end = self.motion_end(chain, node, end)
-            yield cell.env.timeout(end - now)
+            yield execution.env.timeout(end - now)
         if not failed:
-            cell.complete(chain, node)
+            execution.complete(chain, node)
         return failed
 
     def _work_end(self, chain: int, busy_ns: int) -> int:
         """Return the end of work that begins now, stops included [ns]."""
-        return self.motion_time(chain, 0, self._cell.now_ns, busy_ns)
+        return self.motion_time(chain, 0, self._execution.now_ns, busy_ns)
 
     def motion_time(self, chain: int, _node: int, begin_ns: int, offset_ns: int) -> int:
         """Return when a node's motion has lasted for a duration, stops not counted [ns].
@@ -118,43 +118,43 @@ class SimulatedRobots(RobotPort):
             begin_ns: when it begins [ns].
             offset_ns: how long it has lasted [ns].
         """
-        stops = self._cell.stops
+        stops = self._execution.stops
         if stops is None:
             return begin_ns + offset_ns
         return stops[chain].advance(begin_ns, offset_ns)
 
     def motion_end(self, chain: int, node: int, begin_ns: int) -> int:
         """Return the end of a node's motion that begins at a time [ns]."""
-        motion_ns = self._cell.motion[chain][node]
+        motion_ns = self._execution.motion[chain][node]
         return self._motion_time(chain, node, begin_ns, motion_ns)
 
     def _execute_watched(self, narrator: Narrator, chain: int, node: int) -> Steps:
         """Execute a node and record all events in it."""
-        cell = self._cell
+        execution = self._execution
         narrator.emit("started", chain, node)
-        failed = node == cell.times.failed[chain]
+        failed = node == execution.times.failed[chain]
         stands = narrator.standstills.get((chain, node), ())
         attempt = 0
         for k, entry in enumerate(stands):
             narrator.stands(chain, node, entry)
             over = self._work_end(chain, entry.duration_ns)
-            yield cell.env.timeout(over - cell.now_ns)
+            yield execution.env.timeout(over - execution.now_ns)
             attempt += entry.cause == "retry"
             if failed and k == len(stands) - 1:
-                detail = describe_failure(cell.tpg, cell.times, chain)
+                detail = describe_failure(execution.tpg, execution.times, chain)
                 narrator.emit("failed", chain, node, detail=detail)
                 return
             narrator.end_standstill(chain, node, entry, attempt)
-        now = begin = cell.now_ns
+        now = begin = execution.now_ns
         for offset, name, holder in narrator.handlings.get((chain, node), ()):
             passed = begin
             if offset:
                 passed = self._motion_time(chain, node, begin, offset)
             if passed > now:
-                yield cell.env.timeout(passed - now)
+                yield execution.env.timeout(passed - now)
                 now = passed
             narrator.handle(chain, node, name, holder)
         end = self.motion_end(chain, node, begin)
         if end > now:
-            yield cell.env.timeout(end - now)
+            yield execution.env.timeout(end - now)
         narrator.emit("completed", chain, node)

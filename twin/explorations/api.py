@@ -1,4 +1,4 @@
-"""``twin.explore``: search for the best design of a cell."""
+"""The function ``twin.explore``: search for the best design of a robot cell."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def explore(
         seconds: for how long more are tried, in place of the section's [s].
         replications: of each design, in place of the section's.
         seed: of all choices and draws, in place of the scenario's.
-        workers: processes; by default one a core. With 1 the same seed finds the same. What a script does
+        workers: processes; by default one per core. With 1 the same seed finds the same. What a script does
             stands under ``if __name__ == "__main__":``, as processes import it.
         cluster: whose workers evaluate designs instead; files that the scenario names must be in the same
             folder on their machines.

@@ -1,4 +1,4 @@
-"""``twin explore``: search for the best design of a cell."""
+"""``twin explore``: search for the best design of a robot cell."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def explore(
         int | None,
         typer.Option(
             min=1,
-            help="Worker processes; by default one a core. With 1, the same seed "
+            help="Worker processes; by default one per core. With 1, the same seed "
             "gives the same result.",
         ),
     ] = None,

@@ -1,6 +1,6 @@
-"""Worker processes that evaluate cell designs. If one crashes or times out, only its own design is lost.
+"""Worker processes that evaluate cell designs. A crash or timeout affects only one design.
 
-On a cluster, each evaluation runs in a separate process beside the Dask worker, so a crash does not stop the worker.
+On a cluster, each evaluation runs in a process separate from the Dask worker, so a crash does not stop the worker.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ _CRASHES = 3
 """Workers that may die before they have begun anything: then the machine is at fault, not a design."""
 
 _START_S = 600.0
-"""How long a process may take to begin [s]."""
+"""Time limit for the start of a process [s]."""
 
 
 _OWN = threading.local()
-"""The crew of each thread of a worker, and what it evaluates."""
+"""State of each thread of a worker: its crew, and what that evaluates."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ class DesignTask:
     """A design to evaluate.
 
     Attributes:
-        number: by which it is known again.
+        number: number by which its result is identified.
         variant: its changes to the scenario.
-        longest_turns_s: a plan without shortcuts that is longer is behind [s].
-        planner_seed: in place of the scenario's; draws stay those of the scenario.
+        longest_turns_s: makespan of a plan without shortcuts above which the design is rejected as behind [s].
+        planner_seed: replaces the planner seed of the scenario; the seed of the draws stays the same.
     """
 
     number: int

@@ -1,4 +1,4 @@
-"""Creation of a scenario file from a design found by an exploration."""
+"""Creation of a scenario file from a cell design that an exploration found."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import yaml
 
 from planning.errors import OutputError, RequestError, ScenarioError
 from planning.files import read_object, require_own_files
-from twin.beginnings.beginning import write_beginning
+from twin.beginnings.beginning import write_new_scenario
 from twin.explorations.dimensions import dimensions_of, variant_of
 from twin.explorations.folder import SUMMARY, read_request
 from twin.scenario.sections.scenario import Scenario
@@ -64,7 +64,7 @@ def begin_design(target: Path, source: str) -> Path:
         raise OutputError(f"{path}: is of another exploration: {error}") from error
     changes = "; ".join(row["changes"]) or "the scenario as it is"
     head = f"# Design {row['design']} of an exploration of {scenario.name}: {changes}\n"
-    return write_beginning(target, head + scenario_text(scenario), request.folder)
+    return write_new_scenario(target, head + scenario_text(scenario), request.folder)
 
 
 def scenario_text(scenario: Scenario) -> str:

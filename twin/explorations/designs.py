@@ -1,4 +1,4 @@
-"""Designs of an exploration as sources of new scenarios for ``twin init``."""
+"""Cell designs found by an exploration, as starting points of new scenarios (``twin init --from``)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def begin_named_design(target: Path, source: str) -> Path | None:
-    """Write the scenario of a design if ``source`` names a design.
+    """Write the scenario file of a design if ``source`` names a design.
 
     Args:
         target: a YAML file, or a folder.

@@ -1,4 +1,4 @@
-"""Design variables ("dimensions") of an exploration, and the changes that a design makes to the scenario."""
+"""Design variables ("dimensions") of a design exploration, and the changes of the scenario that a design makes."""
 
 from __future__ import annotations
 

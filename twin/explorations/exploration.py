@@ -1,4 +1,4 @@
-"""The search for the best cell design: choose designs, evaluate them, log results, and update the sampler.
+"""Search loop for the best cell design: choose designs, evaluate them, log results, and update the sampler.
 
 The search ends when its budget is used up.
 """

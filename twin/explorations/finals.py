@@ -1,8 +1,7 @@
-"""Comparison of the best designs, and the gain of each change, by new replications with common random numbers.
+"""Final comparison of the best designs, and the gain of each change, with common random numbers.
 
-A design that was selected for its results in the search looks better in these replications than it is (selection
-bias). Therefore the comparison uses later replications, which the search did not use. Designs are compared replication
-by replication.
+Designs that were selected for their results in the search look better in its replications than they are (selection
+bias). Therefore the comparison uses new replications. Designs are compared replication by replication.
 """
 
 from __future__ import annotations
@@ -70,9 +69,9 @@ class Finalist:
 
     Attributes:
         row: its evaluation in the search.
-        makespans_s: of new replications, NaN where one did not complete [s].
+        makespans_s: makespans of new replications, NaN for those that did not complete [s].
         goals: values of the goals over these; smaller is better.
-        behind: by how much it is worse than the best; None for that one, and where nothing is known.
+        behind: difference of its goal from that of the best design; None for the best one, and if unknown.
         apart: whether it is significantly worse; with several goals, than some other design in all of them.
         unsure: with several goals, whether another design may dominate it or be dominated by it.
     """

@@ -1,4 +1,4 @@
-"""Folder of an exploration: its file names, and the request, stored as a manifest."""
+"""Output folder of a design exploration: its file names, and its settings, stored as a manifest."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _CHOOSING = ("optuna", "cmaes")
 
 @dataclass(frozen=True)
 class ExploreRequest(ExplorationSetting):
-    """Request of an exploration: the setting of all designs.
+    """Settings of an exploration, which all its designs share.
 
     Attributes:
         singles: number of single changes requested; 0 for a search.

@@ -1,4 +1,4 @@
-"""Importance of each design variable, and the Pareto front of designs."""
+"""Importance of each design variable for a goal, and the Pareto front of designs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``journal.jsonl``: the evaluations of designs, one per line.
+"""Log file ``journal.jsonl`` of a design exploration, with one evaluated design per line.
 
 Each line is written before the sampler receives the result.
 """

@@ -1,4 +1,4 @@
-"""Keys of a resolved scenario: their paths and values."""
+"""Look-up of keys in a resolved scenario: their full paths and their values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.scenario.variations import ROBOTS, find_entry, is_of_execution
 
 
 def resolved_value(content: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a key in a resolved scenario; None if the scenario omits it.
+    """Return the value of a key in a resolved scenario, or None if the scenario omits the key.
 
     Raises:
         ScenarioError: there is no such key; the message names those there are.

@@ -1,4 +1,4 @@
-"""Results of an exploration as text and table rows, for the terminal and the HTML report."""
+"""Results of a design exploration as text and table rows, for the terminal and the HTML report."""
 
 from __future__ import annotations
 

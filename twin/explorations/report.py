@@ -1,4 +1,4 @@
-"""``report.html`` of an exploration: one file with tables and pictures that works without a network connection."""
+"""HTML report of a design exploration: one self-contained file with tables and pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evaluation of a design in steps of increasing cost: checks, reach, plan, full plan and replications.
+"""Evaluation of a cell design in steps of increasing cost: checks, reachability, plan, full plan and replications.
 
 Each step is called a rung. A design that fails a rung is not evaluated further.
 """

@@ -1,4 +1,4 @@
-"""Samplers that choose the designs to evaluate (optuna), with the same choices after a resume."""
+"""Samplers of the library optuna that choose the designs to evaluate; a resumed search makes the same choices."""
 
 from __future__ import annotations
 

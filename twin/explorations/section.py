@@ -1,4 +1,4 @@
-"""Scenario section of explorations: the design variables, the goals and the constraints of a cell."""
+"""Scenario section of a design exploration: design variables, goals and constraints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from planning.bounds import LONGEST_S
-from twin.document.section import Section, WingSection
+from twin.document.section import OptionalSection, Section
 from twin.explorations.expressions import Expression, Inequality
 
 RESULTS = (
@@ -23,12 +23,12 @@ RESULTS = (
     "robots",
     "price",
 )
-"""What is known of a design, for goals and constraints."""
+"""Results of a design that goals and constraints may use."""
 
 REPLICATED = frozenset(
     {"mean_s", "p50_s", "p90_s", "late", "failed", "throughput_per_h"}
 )
-"""Those of them that take replications."""
+"""Results that are computed from replications."""
 
 EFFORTS: Mapping[str, float] = {
     "order": 1.0,
@@ -38,7 +38,7 @@ EFFORTS: Mapping[str, float] = {
     "base": 5.0,
     "tool": 8.0,
 }
-"""Effort of single changes by their kind, where a section does not say; synthetic, in any unit."""
+"""Default efforts of single changes by their kind; synthetic values, in any unit."""
 
 Kind = Literal["order", "home", "grip", "feeder", "base", "tool"]
 Key = Annotated[str, Field(min_length=1, max_length=300)]
@@ -108,21 +108,21 @@ class GoalSection(Section):
 
     @property
     def expression(self) -> Expression:
-        """What it is about."""
+        """The minimised or maximised expression."""
         return Expression(self.minimise or self.maximise or "", RESULTS)
 
     @property
     def sign(self) -> float:
-        """What makes it something to be small."""
+        """Factor that turns the goal into a minimisation."""
         return -1.0 if self.minimise is None else 1.0
 
     @property
     def words(self) -> str:
-        """It in words."""
+        """Description of the goal."""
         return f"{'minimise' if self.minimise else 'maximise'} {self.expression.text}"
 
 
-class ExploreSection(WingSection):
+class ExploreSection(OptionalSection):
     """What ``twin explore`` varies, and what it looks for.
 
     Attributes:
@@ -201,7 +201,7 @@ class ExploreSection(WingSection):
 
     @property
     def expressions(self) -> tuple[Expression | Inequality, ...]:
-        """All that is said about results."""
+        """All expressions over results: goals and constraints."""
         return (*(goal.expression for goal in self.goals), *self.inequalities)
 
     @property
@@ -211,7 +211,7 @@ class ExploreSection(WingSection):
 
     @property
     def replicates(self) -> bool:
-        """True if a goal or a constraint takes replications."""
+        """Whether a goal or a constraint needs replications."""
         return any(one.used & REPLICATED for one in self.expressions)
 
 

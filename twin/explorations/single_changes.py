@@ -1,4 +1,4 @@
-"""Effects of single changes of a cell, each planned, replicated and ranked by gain per effort."""
+"""Effects of single changes of a cell: each change is planned and simulated, and ranked by gain per effort."""
 
 from __future__ import annotations
 

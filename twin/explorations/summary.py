@@ -1,4 +1,4 @@
-"""Results of an exploration: best designs, their gains, importances of keys, and reasons for rejected designs."""
+"""Summary of a design exploration: best designs, gains, importance of design variables, and rejected designs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The available export formats of runs, each an entry of the registry."""
+"""Export formats of runs, found through the plug-in registry."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from twin.registry import EXPORTS
 from twin.trial.run_result import RunResult
 
 FOLDER = "exports"
-"""Default folder of exports, in that of the run."""
+"""Default folder of exports, inside the run folder."""
 
 
 def exported_files(
     run: RunResult, name: str, *, nodes: bool = False, rate_hz: float | None = None
 ) -> Mapping[str, bytes]:
-    """Return the content of each file of a format by its name.
+    """Return the content of each file of an export format, by file name.
 
     Args:
         run: the run.

@@ -1,9 +1,9 @@
-"""Export of the temporal plan graph (APEX-MR, Section IV-C) and the task graph (Section IV-A) as GraphML.
+"""Export of the temporal plan graph (APEX-MR, section IV-C) and the task graph (section IV-A) as GraphML.
 
 By default, each node of the exported plan graph is a task, with an edge between two tasks if there is an edge between
 any of their nodes. This graph can have cycles, because a robot may wait in the middle of a task. With ``--nodes``,
-every node is exported, and there are no cycles. The task graph is the input of scheduling. It has no
-edges for motion conflicts, and it contains the places of objects.
+every node of the plan is exported, and there are no cycles. The task graph has the order and the dependencies of
+tasks, without motion conflicts. It also has a node for each place at which an object is at rest or held.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _run_graph(run: RunResult, *, nodes: bool) -> Graph:
 
     Args:
         run: the run.
-        nodes: every node, not one a task.
+        nodes: one graph node for every plan node, in place of one per task.
     """
     tpg = run.tpg
     graph: Graph = nx.DiGraph(name=run.name)

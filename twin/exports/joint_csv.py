@@ -1,4 +1,4 @@
-"""Joint motions for robot controllers as CSV, with one file per robot and one row per point of the motion."""
+"""Export of joint motions for robot controllers as CSV, with one file per robot and one row per trajectory point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint motions for robot controllers as JSON, in the format of the ROS message trajectory_msgs/JointTrajectory."""
+"""Export of joint motions for robot controllers as JSON, in the format of ROS trajectory_msgs/JointTrajectory."""
 
 from __future__ import annotations
 

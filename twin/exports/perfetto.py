@@ -1,4 +1,4 @@
-"""Timeline of a run in the trace-event JSON format, which ui.perfetto.dev and chrome://tracing display.
+"""Export of the timeline of a run as trace-event JSON, which ui.perfetto.dev and chrome://tracing display.
 
 Times are microseconds with three decimals, which is exact to the nanosecond.
 """

@@ -1,12 +1,12 @@
 """Division of a run into motion segments of single robots, for export to robot controllers.
 
 Within a segment, a robot waits for others only before the first node, and others wait only for its last node. If each
-segment starts after all its predecessors, the temporal plan graph is satisfied for any delays.
+segment starts after all its predecessors, all edges of the temporal plan graph are satisfied for any delays.
 
 For robots with acceleration limits, points of the executed motion are sampled at a given rate, with speeds and
 accelerations. A standstill has only a first and a last point. For other robots, points have nominal times, and the
-controller chooses the velocities. If such points are closer in time than one period of the rate, the following points
-are delayed. Thus all points are at least one period apart, unless the whole segment is shorter.
+controller chooses the velocities. Points that are closer in time than one period of the rate are delayed, so all points
+are at least one period apart, unless the whole segment is shorter.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from twin.trial.run_result import RunResult
 from twin.uncertainty.contraction import Contraction, contract
 
 CONTROLLER_RATES_HZ = (125.0, 1000.0)
-"""Points a second that controllers take [Hz]."""
+"""Least and greatest rate of points that controllers accept [Hz]."""
 
 CONTROLLER_RATE_HZ = 250.0
 """Default rate of points [Hz]."""
 
 STILL = 1e-9
-"""What moves by less between two rows at which it stands is moved by rounding [rad or m]."""
+"""A joint that moves by less between two rows at rest counts as still: the difference is rounding [rad or m]."""
 
 Span = tuple[int, int]
-"""Start and end [ns]; -1 if it did not happen."""
+"""Start and end time [ns]; -1 for a start or end that has not happened."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,9 @@ class Segment:
         task: that the nodes belong to.
         nodes: the first and the last of them.
         after: segments that must be complete before it starts.
-        nominal: when it happens if everything takes as long as planned.
-        executed: when it happened in this run.
-        motion: from when to when of this run the points are, None where they are those of the plan.
+        nominal: its start and end if everything takes as long as planned.
+        executed: its start and end in this run.
+        motion: times of this run from which to which its motion was sampled; None if the points are the plan's.
         handlings: transfers of objects.
         t_ns: times of the points from the start of the segment, shape (points,) [ns].
         q: configurations, shape (points, n) [rad or m].
@@ -113,7 +113,7 @@ def require_rate(rate_hz: float, rates_hz: tuple[float, float]) -> None:
     """Refuse a rate that is out of a range [Hz].
 
     Raises:
-        OutputError: it is.
+        OutputError: the rate is out of the range.
     """
     low, high = rates_hz
     if not low <= rate_hz <= high:
@@ -128,15 +128,15 @@ def segments(run: RunResult, rate_hz: float) -> Iterator[Segment]:
         rate_hz: of points where speeds are known, and the greatest one elsewhere [Hz].
     """
     found = contract(run.tpg)
-    after = _after(found)
+    after = _predecessors(found)
     nominal = earliest_times(
         run.tpg, [to_nanoseconds(chain.duration) for chain in run.tpg.chains]
     )
     for k, first in enumerate(found.first):
-        yield from _of_chain(run, k, first, after, nominal, rate_hz)
+        yield from _chain_segments(run, k, first, after, nominal, rate_hz)
 
 
-def _after(found: Contraction) -> dict[tuple[int, int], list[Predecessor]]:
+def _predecessors(found: Contraction) -> dict[tuple[int, int], list[Predecessor]]:
     """Return the predecessors of each segment among other robots."""
     out: dict[tuple[int, int], list[Predecessor]] = defaultdict(list)
     chains = found.tpg.chains
@@ -149,7 +149,7 @@ def _after(found: Contraction) -> dict[tuple[int, int], list[Predecessor]]:
     return out
 
 
-def _of_chain(
+def _chain_segments(
     run: RunResult,
     k: int,
     bounds: Indices,
@@ -178,7 +178,7 @@ def _of_chain(
         low, high = int(chain.first[first]), int(chain.first[end])
         q, v, a = stands[low : high + 1], None, None
         planned = np.append(0, passed[low:high] - zero)
-        slowed, kept = _slowed(planned, q, _period_ns(rate_hz))
+        slowed, kept = _at_least_apart(planned, q, _period_ns(rate_hz))
         t_ns, q = slowed[kept], q[kept]
         motion = None
         if smooth is not None and spans is not None and np.all(spans[index] >= 0):
@@ -224,9 +224,9 @@ def _of_chain(
 def _spans(run: RunResult, k: int, bounds: Indices, motion: Trajectory) -> Indices:
     """Return when the motion of each segment begins and ends, shape (segments, 2); -1 for never.
 
-    A node that is entered at speed counts as begun, and the one before it as complete, when the
-    robot has certainly passed their border, up to a lag after it has: motions are cut where it does.
-    A speed override makes the lag longer than planned.
+    Between two nodes without a stop, the next one is reported begun, and the one before it complete, only once the robot
+    has certainly passed their border: at most a lag after it has. This function returns the times of passing
+    the borders themselves. A speed override makes the lag longer than planned.
     """
     chain = run.tpg.chains[k]
     assert chain.drive is not None
@@ -267,10 +267,12 @@ def _period_ns(rate_hz: float) -> int:
     return math.ceil(NANOSECONDS / rate_hz)
 
 
-def _slowed(t_ns: Nanoseconds, q: Array, period: int) -> tuple[Nanoseconds, Indices]:
+def _at_least_apart(
+    t_ns: Nanoseconds, q: Array, period: int
+) -> tuple[Nanoseconds, Indices]:
     """Return times of points at least a period apart [ns], and the points kept.
 
-    Left out is what neither lasts nor moves.
+    A point is left out if it has the time and the configuration of the one before it.
 
     Args:
         t_ns: as planned, the first 0, shape (points,) [ns].
@@ -288,13 +290,13 @@ def _sample_times(
 ) -> Nanoseconds:
     """Return times of points from a time to another [ns], both included.
 
-    They are a period apart, the last two up to two; none is between the first and the last at which
-    the robot stands.
+    They are a period apart, except that the last two may be up to two periods apart. A standstill has only a first
+    and a last point.
     """
     period = _period_ns(rate_hz)
     stop = max((end - begin) // period, 1)
     runs, low = [], 0
-    for stands, moves in _stands(motion, begin, end):
+    for stands, moves in _standstills(motion, begin, end):
         first, last = -(-(stands - begin) // period), (moves - begin) // period
         if first < last:
             runs.append(np.arange(low, min(first + 1, stop)))
@@ -303,7 +305,7 @@ def _sample_times(
     return np.unique(np.append(begin + k * period, end))
 
 
-def _stands(motion: Trajectory, begin: int, end: int) -> Iterator[Span]:
+def _standstills(motion: Trajectory, begin: int, end: int) -> Iterator[Span]:
     """Yield the standstills of a robot between two times, in order [ns]."""
     assert motion.v is not None
     assert motion.a is not None

@@ -1,6 +1,6 @@
-"""Export of the tables of a run as CSV and Parquet: events, trajectories, object placements.
+"""Export of the tables of a run as CSV and Parquet: events, trajectories, object poses.
 
-CSV follows RFC 4180: a header line, SI units, empty fields for missing values.
+CSV follows RFC 4180: a header line, and empty fields for missing values. Units are SI units.
 """
 
 from __future__ import annotations

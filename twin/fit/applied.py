@@ -1,4 +1,4 @@
-"""Scenario files in which fitted durations replace the previous ones."""
+"""Creation of scenario files in which fitted duration distributions replace the previous durations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Candidate distributions for one sample of durations: fitting, goodness-of-fit test and ranking."""
+"""Candidate distributions for a sample of durations: fit, goodness-of-fit test and ranking."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ FAMILIES: tuple[Family, ...] = (
 """Families that are fitted."""
 
 LEVEL = 0.05
-"""A family is rejected where the probability of a fit as bad is less."""
+"""Significance level: a family with a lower p-value is rejected."""
 
 _CELLS = 200_000
-"""Values of resamples that are fitted at once: it bounds the memory."""
+"""Greatest number of resampled values that are fitted at once, to bound the memory."""
 
 _LEAST_SPREAD = 1e-4
-"""Samples whose range is a smaller share of their greatest value do not vary."""
+"""A sample varies if its range is at least this share of its greatest value."""
 
 _SECTION: TypeAdapter[DurationModel] = TypeAdapter(AnyDuration)
 

@@ -1,4 +1,4 @@
-"""Chart of a fit: histogram with density curves, and a quantile-quantile plot."""
+"""Chart of a fitted distribution: histogram with density curves, and a quantile-quantile plot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``twin fit``: fit distributions to measured durations."""
+"""``twin fit``: fit probability distributions to measured durations."""
 
 from __future__ import annotations
 

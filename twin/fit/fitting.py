@@ -1,4 +1,4 @@
-"""Fits of several samples of durations, and the scenario text with the fitted distributions."""
+"""Fits of distributions to several samples of durations, and the scenario text with the results."""
 
 from __future__ import annotations
 

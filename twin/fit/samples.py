@@ -38,7 +38,7 @@ FEWEST = 10
 """Least number of durations in a sample, enough to tell distributions apart."""
 
 DURATION = "duration_s"
-"""Column of durations where none is named."""
+"""Default column of durations."""
 
 _STAMPS = (
     ("start", "end"),
@@ -46,7 +46,7 @@ _STAMPS = (
     ("start_time", "end_time"),
     ("started", "completed"),
 )
-"""Columns of begin and end times that are read where there is no column of durations."""
+"""Pairs of columns with begin and end times that are read if there is no column of durations."""
 
 _Rows = Iterator[tuple[tuple[str, ...], float]]
 
@@ -84,9 +84,9 @@ def logged_skills(path: Path) -> list[LoggedSkill]:
 def skills_in_log(log: Path, tpg: TemporalPlanGraph) -> list[LoggedSkill]:
     """Return the executed skills of a run in the order of completion.
 
-    A skill took from the start of each of its nodes to its completion, without the time for
-    which its robot stood still meanwhile (stalls, breakdowns, stops) and without attempts that
-    failed. So standstills and retries, drawn separately, are not counted twice.
+    The duration of a skill is the sum over its nodes from start to completion, without standstills of its robot
+    (stalls, breakdowns, stops) and without failed attempts. These are drawn separately, so they are not counted
+    twice.
 
     Args:
         log: events of the run.
@@ -174,16 +174,15 @@ def read_samples(
 
     Args:
         paths: CSV files with a header line, or event logs of runs: all of one kind.
-        columns: of the durations in CSV files, or of the stamps at which they start and end;
-            by default ``duration_s`` or with another unit, or two that are named so.
+        columns: column of durations in CSV files, or the two columns of begin and end times; by default
+            ``duration_s``, the same with another unit, or two columns with usual names of such times.
         by: columns whose values make the groups, names from LABELS; in logs always by skill.
-        skill: skill of all rows where no column gives it; by default the name of the file
-            where it is that of a skill.
-        unit: of the numbers in CSV files whose columns' names have none.
+        skill: skill of all rows if no column gives it; by default the name of the file if that is a skill.
+        unit: unit of columns in CSV files without a unit in their names.
 
     Returns:
-        The samples in the order in which the groups first occur; and of logs, which hold what
-        happened to happen, the groups that are too small, with the number of their durations.
+        The samples in the order in which the groups first occur; and, for event logs, the groups with too few
+        durations, with their numbers.
 
     Raises:
         ScenarioError: as by read_durations; or an unknown group column, an unknown skill, a
@@ -248,7 +247,7 @@ def _skill_of_names(paths: Sequence[Path]) -> str | None:
 
 
 def _columns_of(path: Path) -> Columns:
-    """Return the columns that are read where none are named."""
+    """Return the columns that are read by default."""
     names = csv_rows(path).fieldnames or ()
     durations = [name for name in names if split_unit(name)[0] == "duration"]
     stamps = [pair for pair in _STAMPS if set(pair) <= set(names)]

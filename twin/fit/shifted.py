@@ -1,4 +1,4 @@
-"""Families of distributions for fits, with or without a constant offset."""
+"""Families of distributions with an additional constant offset, for fits to durations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STEPS = 14
 
 @dataclass(frozen=True)
 class ShiftedFamily:
-    """Another family plus an offset; theta = (offset, theta of the other).
+    """A base family plus an offset, with parameters theta = (offset, theta of the base family).
 
     For each offset the other family is fitted to what is left; the likeliest offset is found on
     a grid and then by golden section. Offsets stop half a mean distance between neighbours

@@ -1,4 +1,4 @@
-"""``twin follow``: compare a run in progress with its plan, and forecast its end."""
+"""``twin follow``: compare a run in progress with its plan, and forecast its completion time."""
 
 from __future__ import annotations
 

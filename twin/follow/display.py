@@ -1,4 +1,4 @@
-"""Output about a run in progress, as JSON, as sentences, or as a live terminal display."""
+"""Output of ``twin follow`` about a run in progress, as JSON, as sentences, or as a live terminal display."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from twin.host.atomic_files import finite_or_none
 from twin.runs.events import Event
 
 _MOST_VIOLATIONS = 5
-"""Forbidden events, and unreadable lines, that are shown."""
+"""Greatest number of forbidden events, and of unreadable lines, that are shown."""
 
 _SILENT_S = 5.0
-"""Silence that is reported [s]."""
+"""Time without events after which silence is reported [s]."""
 
 _PAUSE_S = 0.1
-"""Least time between two drawings [s]."""
+"""Least time between two updates of the terminal [s]."""
 
 
 def news_to_json(news: News) -> str:
-    """Return news as a JSON object; empty for nothing to report."""
+    """Return news as a JSON object; an empty text if there is nothing to report."""
     content: dict[str, Any]
     match news:
         case ForbiddenEvent():
@@ -93,7 +93,7 @@ def news_to_json(news: News) -> str:
 
 
 def news_to_sentence(news: News) -> str:
-    """Return news as a sentence; empty for nothing to report."""
+    """Return news as a sentence; an empty text if there is nothing to report."""
     match news:
         case ForbiddenEvent():
             return f"FORBIDDEN {news.text}"

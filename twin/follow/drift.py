@@ -1,9 +1,9 @@
-"""Drift: detection of systematic changes in the durations of a robot's skills and motions.
+"""Detection of drift: systematic changes in the durations of a robot's skills and motions.
 
 Measured durations are compared with simulated durations of the same plan. Each measured duration is replaced by the
-normal score of its rank among the simulated ones, so that outliers do not look like a change. The sum of the last
-scores is compared with its spread in the simulations; a large deviation is significant. The number of scores in
-the sum is the one with the largest deviation, which shows when the change began.
+normal score of its rank among the simulated ones, which limits the effect of outliers. The sum of the most recent
+scores is compared with its standard deviation in the simulations; a large ratio indicates a drift. The number of scores
+in the sum is the number with the largest ratio, which shows when the drift began.
 """
 
 from __future__ import annotations

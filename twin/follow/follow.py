@@ -1,4 +1,4 @@
-"""Following a running cell: reads its events, flags forbidden events, forecasts the end."""
+"""Monitoring of a running cell: reads its events, reports violations of the plan, and forecasts the end of the run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.runs.events import Event, EventLogError
 News: TypeAlias = (
     "Event | ForbiddenEvent | UnreadableLine | Forecast | Drift | Silence | FollowedRun"
 )
-"""An update of a followed run, whose state holds it already; the run itself is the last one."""
+"""Update of a followed run. The state of the run already contains it. The last update is the run itself."""
 
 
 class UnreadableLine(NamedTuple):
@@ -42,8 +42,9 @@ def follow(
 ) -> None:
     """Follow a run until it ends or there are no more lines.
 
-    There is a forecast before the first event at or after every multiple of ``every_s`` of the
-    run's time; drifts are reported with it, once, and again where it has left its interval. While there is nothing to read, the run's time advances with the clock.
+    A forecast is made before the first event at or after every multiple of ``every_s`` of the run's time. Drifts are
+    reported together with it: once, and again if the ratio of a drift leaves the interval reported before. While there
+    is nothing to read, the run's time advances with the clock.
 
     Args:
         lines: lines of the event log; None if there is no new one.

@@ -1,4 +1,4 @@
-"""The folder of a run in progress: its sequence of plans, and its execution model."""
+"""Run folder of a run in progress: the plans that are executed one after another, and the execution model."""
 
 from __future__ import annotations
 

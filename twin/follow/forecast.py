@@ -1,8 +1,8 @@
 """Monte-Carlo forecasts of the end of a run in progress.
 
-Completed nodes have known times. Remaining durations of current nodes are drawn conditional on their elapsed times,
-and later nodes as in a simulation. The times of all nodes then follow from the temporal plan graph. Each simulated
-continuation of the run is called a *future*.
+Completed nodes have known times. Remaining durations of current nodes are drawn conditional on their elapsed times, and
+durations of later nodes as in a simulation. The times of all nodes then follow from the temporal plan graph. Each
+simulated continuation of the run is called a *future*.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Lines of a log that grows in a file, a pipe or a connection to a server."""
+"""Reader of a growing event log: yields new lines from a file, a pipe or an HTTP server."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ from twin.rerun.bodies import (
 )
 from twin.rerun.entities import entity_path
 from twin.rerun.event_rows import EventBacklog
-from twin.rerun.plan_words import PlanWords
+from twin.rerun.plan_descriptions import PlanDescriptions
 from twin.rerun.recorder import draw_lane
 from twin.rerun.viewer import TIMELINE
 from twin.runs.events import Event
@@ -91,7 +91,7 @@ class LiveRecording:
         """Take tasks, nodes and objects from the current plan."""
         tpg = self._tpg = self._run.tpg
         in_slots = self._run.policy == "synchronous"
-        self._words = PlanWords(with_barriers(tpg) if in_slots else tpg)
+        self._words = PlanDescriptions(with_barriers(tpg) if in_slots else tpg)
         self._chain = {chain.robot: k for k, chain in enumerate(tpg.chains)}
         self._handlings: dict[tuple[str, int, int], NodeHandling] = {
             (item.object, item.robot, item.node): item for item in tpg.handlings

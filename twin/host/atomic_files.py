@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 text file; OutputError when the file system refuses."""
+    """Write a UTF-8 text file; raise OutputError if that fails."""
     with replace_atomically(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

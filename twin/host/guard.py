@@ -1,4 +1,4 @@
-"""Exit codes and error messages of commands, without tracebacks."""
+"""Error handling of commands: exit codes, and error messages without tracebacks."""
 
 from __future__ import annotations
 

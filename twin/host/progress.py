@@ -144,7 +144,7 @@ def show_compilation(
         What returns their number so far; those that are cached are only loaded.
     """
     from planning.kernels import watch_compilation
-    from planning.meshes.mesh_form import watch_cutting
+    from planning.meshes.mesh_loading import watch_cutting
 
     count = 0
 

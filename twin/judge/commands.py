@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from twin.judge.judge import Judgement
 
 _MOST_PRINTED = 20
-"""Findings of one execution that are printed."""
+"""Largest number of violations that are printed per execution."""
 
 
 @guarded

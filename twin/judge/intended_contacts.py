@@ -1,10 +1,11 @@
 """Intended contacts of an open plan (the JSON plan format of ``twin judge``).
 
-- A tool touches the object that it holds, from the task that takes the object to the task that gives it away.
+- A tool touches the object that it holds, from the task of grasping to the task of release.
 - A picked or placed object touches its neighbours during that task.
-- A tool touches the things that the key ``touches`` of a motion lists; it may graze bricks at rest during its tasks.
+- A tool may touch the objects and fixtures that are listed under the key ``touches`` of a motion.
+- A tool may touch bricks at rest slightly during skills.
 
-The allowed depths of contacts are in ``twin.audits.contacts``.
+Limits of the penetration depth are in ``twin.audits.contacts``.
 """
 
 from __future__ import annotations

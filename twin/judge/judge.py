@@ -1,4 +1,4 @@
-"""Judgement of a plan from another planner: audits at its planned times and under delays."""
+"""Assessment of a plan from another planner: audits of its motions at planned times and with random delays."""
 
 from __future__ import annotations
 

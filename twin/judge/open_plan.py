@@ -22,8 +22,8 @@ from planning.json_files import parse_json
 from twin.document.section import Section, Several
 from twin.document.validation import (
     FileProblem,
-    Found,
     InvalidScenarioError,
+    Problems,
     key_label,
     schema_problems,
     unknown_name,
@@ -40,7 +40,7 @@ _Rate = Annotated[float, Field(ge=-FASTEST, le=FASTEST)]
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 VERBS = ("take", "put", "give", "appear", "leave")
-"""What can happen to an object."""
+"""Names of events of objects."""
 
 _MOST_ERRORS, _MOST_PROBLEMS = 1000, 100
 """Largest numbers of schema errors and of other problems that are listed."""
@@ -173,14 +173,14 @@ class OpenPlan(Section):
 
     @property
     def waits(self) -> bool:
-        """Whether motions wait for others, and not for the clock."""
+        """Whether motions wait for each other, and not for times of the clock."""
         if self.execution is not None:
             return self.execution == "waits"
         every = [motion for some in self.motions.values() for motion in some]
         return len(self.motions) < 2 or any(motion.after for motion in every)
 
     def placed(self) -> Iterator[tuple[KeyPath, str, OpenMotion]]:
-        """Yield every motion with its place in the file and whose it is."""
+        """Yield every motion with its path in the file and the name of its robot or machine."""
         for name, robot in self.robots.items():
             for k, motion in enumerate(robot.motions):
                 yield ("robots", name, "motions", k), name, motion
@@ -193,7 +193,7 @@ def read_open_plan(path: Path) -> OpenPlan:
     """Read an open plan, and check it as far as possible without its scenario.
 
     Raises:
-        InvalidScenarioError: with all that is wrong, each with its place in the file.
+        InvalidScenarioError: with all problems, each with its position in the file.
     """
     try:
         text = read_file(path).decode("utf-8")
@@ -224,7 +224,7 @@ def read_open_plan(path: Path) -> OpenPlan:
     return plan
 
 
-def require_no_faults(path: Path, problems: Found) -> None:
+def require_no_faults(path: Path, problems: Problems) -> None:
     """Refuse a file with faults.
 
     Raises:
@@ -239,7 +239,7 @@ def require_no_faults(path: Path, problems: Found) -> None:
 
 
 def _document(path: Path, text: str, places: Iterable[KeyPath]) -> YamlDocument:
-    """Return the file with the place of every value; without lines, and with some places, where that takes too long."""
+    """Return the file with the positions of values; of a large file only the given places, without lines."""
     if len(text) <= _QUOTED:  # JSON is YAML, too
         document = read_yaml(path, text)
         if document.data is not None and not document.problems:
@@ -255,8 +255,8 @@ def _document(path: Path, text: str, places: Iterable[KeyPath]) -> YamlDocument:
     return YamlDocument(path, (), data, values=values)
 
 
-def _problems(plan: OpenPlan) -> Found:
-    """Yield inconsistencies of the plan: lengths, times, ids."""
+def _problems(plan: OpenPlan) -> Problems:
+    """Yield inconsistencies of the plan: lengths of rows, times, and ids."""
     for name in plan.machines.keys() & plan.robots.keys():
         yield ("machines", name, "[key]"), "is the name of a robot, too"
     ids: dict[str, str] = {}
@@ -268,7 +268,7 @@ def _problems(plan: OpenPlan) -> Found:
     before: dict[str, OpenMotion] = {}
     closed: set[tuple[str, str]] = set()
     for at, name, motion in plan.placed():
-        yield from _own_problems(plan, at, motion)
+        yield from _motion_problems(plan, at, motion)
         if motion.t_s[0] < last.get(name, 0.0):
             words = (
                 f"begins at {motion.t_s[0]:g} s, before the motion before it is over"
@@ -279,7 +279,7 @@ def _problems(plan: OpenPlan) -> Found:
             if other not in ids:
                 yield (
                     (*at, "after", k),
-                    unknown_name("motion", other, _near(other, ids)),
+                    unknown_name("motion", other, _similar_ids(other, ids)),
                 )
             elif ids[other] == name and other == motion.id:
                 yield (*at, "after", k), f"{other!r} waits for itself"
@@ -297,7 +297,7 @@ def _problems(plan: OpenPlan) -> Found:
         before[name] = motion
 
 
-def _own_problems(plan: OpenPlan, at: KeyPath, motion: OpenMotion) -> Found:
+def _motion_problems(plan: OpenPlan, at: KeyPath, motion: OpenMotion) -> Problems:
     """Yield inconsistencies within a motion."""
     times, rows = motion.t_s, len(motion.t_s)
     for k in range(1, rows):
@@ -327,8 +327,8 @@ def _own_problems(plan: OpenPlan, at: KeyPath, motion: OpenMotion) -> Found:
                 yield (*at, name, k), words
 
 
-def _near(name: str, known: Mapping[str, str]) -> list[str]:
-    """Return the ids that are most like one, as plans may have very many."""
+def _similar_ids(name: str, known: Mapping[str, str]) -> list[str]:
+    """Return the known ids most similar to a name."""
     import difflib
 
     some = list(islice(known, _MOST_COMPARED))

@@ -1,4 +1,4 @@
-"""Cells with all objects that an open plan names."""
+"""Workcell for an open plan (the JSON plan format of ``twin judge``), with all objects that the plan names."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from planning.cell.workcell import Workcell
-from twin.document.validation import Found, check_known_name
+from twin.document.validation import Problems, check_known_name
 from twin.document.yaml_text import KeyPath
 from twin.judge.open_plan import OpenPlan, require_no_faults
 from twin.scenario.sections.kind import AssemblySection, assembly_kind
@@ -42,7 +42,7 @@ def cell_for(
     return whole
 
 
-def _misfits(plan: OpenPlan, cell: Workcell) -> Found:
+def _misfits(plan: OpenPlan, cell: Workcell) -> Problems:
     """Yield names of a plan that are not in the cell."""
     robots = {robot.name: robot for robot in cell.robots}
     machines = {item.name for item in cell.machines}

@@ -1,4 +1,4 @@
-"""Scenario sections for static equilibrium: joined parts, and the check of balance after every step."""
+"""Scenario sections for static equilibrium: joints between parts, and the balance check after every step."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from twin.document.section import Name, Section, Two, with_tuples
-from twin.document.validation import Found
+from twin.document.section import Name, PairOf, Section, with_tuples
+from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 
 
@@ -38,7 +38,7 @@ class JoinedSection(Section):
         gap_m: room between the two, such as of a connector that is no part, beside ``touch_m``.
     """
 
-    parts: Two[Name]
+    parts: PairOf[Name]
     by: Name | None = None
     gap_m: Annotated[float, Field(ge=0, le=1)] = 0.0
     force_n: Annotated[float, Field(gt=0, le=1e9)] | None = None
@@ -53,7 +53,9 @@ def _joint_spelt_out(joined: Any) -> Any:
 
 JoinedParts = Annotated[
     JoinedSection,
-    BeforeValidator(_joint_spelt_out, json_schema_input_type=JoinedSection | Two[Name]),
+    BeforeValidator(
+        _joint_spelt_out, json_schema_input_type=JoinedSection | PairOf[Name]
+    ),
 ]
 """Two names, or a section in full."""
 
@@ -64,7 +66,7 @@ def check_distinct_ends(
     placed: Iterable[str],
     done: str,
     by: str = "",
-) -> Found:
+) -> Problems:
     """Yield problems of a pair of equal names, or without a placed part."""
     first, second = ends
     if first == second:

@@ -1,4 +1,4 @@
-"""Driver's end of a session: receives commands, which may be late, duplicated or lost, and sends reports."""
+"""Driver side of a session: receives commands, which may be late, duplicated or lost, and sends reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Executor of runs whose robots are moved by drivers."""
+"""Executor of runs whose robots are moved by drivers (programs that each move one robot)."""
 
 from __future__ import annotations
 

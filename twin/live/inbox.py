@@ -1,4 +1,4 @@
-"""Queue of driver reports for the dispatcher, with a memory bound per robot."""
+"""Queue of driver reports for the dispatcher, with limited memory per robot."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _REPORT_WEIGHT = 50
 """Memory of a report without samples, in units of the memory of one sample."""
 
 _MOST_WEIGHT = 50_000
-"""Largest memory of the queued reports of one robot, in the same unit."""
+"""Memory limit of the queued reports of one robot, in the same unit."""
 
 
 class Inbox:
-    """Queue of reports; reports of a robot beyond its bound are dropped.
+    """Queue of reports; reports beyond the memory limit of a robot are dropped.
 
-    A report has the whole state of a robot, and samples are sent until acknowledged: so a dropped
-        report loses nothing.
+    A report contains the complete state of a robot, and samples are sent again until they are acknowledged. A dropped
+    report therefore causes no loss of data.
     """
 
     def __init__(self) -> None:

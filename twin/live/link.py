@@ -1,4 +1,4 @@
-"""Dispatcher's end of the connection to one driver: sends commands, and validates reports."""
+"""Dispatcher side of the connection to one driver: sends commands, and validates reports."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Positions of a robot between samples that were lost, as after a driver was killed.
+"""Reconstruction of robot positions for which measured samples are lost, for instance because a driver was killed.
 
-They are inferred from its clearances: it followed its path, and stood. A straight line between two
-samples would cut the corners of that path, through whatever they lead around.
+The robot is assumed to have followed the path that the dispatcher had cleared. The waypoints of this path are inserted
+between the samples before and after the gap, since a straight line between these samples could pass through obstacles.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, Sample
 from twin.durations.nanoseconds import NANOSECONDS
 
-_UNSEEN_NS = 100_000_000
-"""Interval between samples above which others count as lost [ns]."""
+_GAP_NS = 100_000_000
+"""Longer intervals between two samples are gaps with lost samples [ns]."""
 
 _LATER_S = 1e-6
 """How much later than the one before each of them was measured, by the clock of the driver [s]."""
@@ -41,7 +41,7 @@ def samples_between(
         Times in the run [ns] and samples, in order; none where nothing need have been lost.
     """
     (begin_ns, first), (end_ns, last) = before, after
-    near = end_ns - begin_ns <= _UNSEEN_NS or last.done > len(nodes)
+    near = end_ns - begin_ns <= _GAP_NS or last.done > len(nodes)
     if near or last.done < first.done or np.array_equal(first.q, last.q):
         return []
     found: list[tuple[int, Sample]] = []

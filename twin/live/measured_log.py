@@ -1,6 +1,7 @@
 """Log of the measured samples of a run.
 
-``measured.csv`` has every sample of every robot as received, so that a kill loses none of them.
+The file ``measured.csv`` contains every sample of every robot as received, so no received sample is lost if the
+process is killed.
 """
 
 from __future__ import annotations

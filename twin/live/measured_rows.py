@@ -1,4 +1,4 @@
-"""Measured rows of a robot: its samples as the record of an execution keeps them."""
+"""Measured rows of a robot in the execution record: its samples during motion, and both ends of each standstill."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from twin.runs.execution_record import Measured
 
 @dataclass
 class MeasuredRows:
-    """Measured rows of a robot: all while it moves, and both ends of each standstill.
+    """Measured rows of a robot: all samples during motion, and both ends of each standstill.
 
     Attributes:
-        t_ns, q, node: see ``Measured``; where it stands, the first row is of the node before, the last one of
-            that which it then begins.
-        begin_ns, end_ns: when it began each of its nodes, and was through with it.
+        t_ns, q, node: see ``Measured``. At a standstill, the first row belongs to the previous node, and the last
+            row to the next node.
+        begin_ns, end_ns: start and completion times of its nodes.
         cleared_ns: clearance times of its nodes; by any clock, none began earlier.
         last: the last sample, and when it was taken in the run [ns]; None before the first.
     """

@@ -1,8 +1,8 @@
-"""Messages between dispatcher and driver, independent of transport.
+"""Messages between the dispatcher, which releases nodes, and the drivers, which move robots; independent of transport.
 
 Each message contains the complete target or actual state. Duplicates therefore have no effect, and the content of a
-lost message is repeated by the next one. Outdated messages are recognised by their number and dropped. Only nodes
-that have been acknowledged are not sent again.
+lost message is repeated by the next one. Outdated messages are recognised by their number and dropped. Nodes are sent
+again until they are acknowledged.
 """
 
 from __future__ import annotations

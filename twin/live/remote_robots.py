@@ -1,7 +1,6 @@
-"""Robots moved by drivers: the dispatcher permits (clears) nodes, and drivers report which nodes they execute.
+"""Robots moved by drivers: the dispatcher clears nodes for execution, and drivers report their progress.
 
-The clock of the simulation follows real time. Everything without a driver is simulated, such as a person who
-brings a part.
+The simulation clock follows real time. Everything without a driver is simulated, such as a person who brings a part.
 """
 
 from __future__ import annotations
@@ -91,7 +90,7 @@ class RemoteRobots(RobotPort):
         clock: Callable[[], float] = time.monotonic,
         inbox: Inbox | None = None,
     ) -> None:
-        self._cell = execution
+        self._execution = execution
         self.upcoming = self._wait
         log = MeasuredLog(measured)
         self.nodes = ReportedNodes(execution, links, pace, log, history, clock)
@@ -109,7 +108,7 @@ class RemoteRobots(RobotPort):
 
     @property
     def _replanner(self) -> Replanner:
-        replanner = self._cell.replanner
+        replanner = self._execution.replanner
         assert replanner is not None
         return replanner
 
@@ -120,18 +119,18 @@ class RemoteRobots(RobotPort):
             RequestError: a driver is not there at the beginning.
             OutputError: the log cannot be written any more.
         """
-        cell, history = self._cell, self.nodes.history
+        execution, history = self._execution, self.nodes.history
         for wire in self._wires.values():
             wire.open(self._inbox.put)
         if history is not None:
-            cell.env.run(until=max(history.since_ns, 1))
-            if cell.narrator is not None:
+            execution.env.run(until=max(history.since_ns, 1))
+            if execution.narrator is not None:
                 code = EventCode.DISPATCHER_RESTARTED
-                cell.narrator.emit("resumed", detail=code.value)
+                execution.narrator.emit("resumed", detail=code.value)
             self.written()  # numbers of commands depend on how often this is in the log
-            for k, node in cell.impatient:
-                if (begun := cell.start[k][node]) >= 0:
-                    cell.count_patience(k, node, begun - cell.now_ns)
+            for k, node in execution.impatient:
+                if (begun := execution.start[k][node]) >= 0:
+                    execution.count_patience(k, node, begun - execution.now_ns)
         self._gather()
         for name, state in self._states.items():
             self._stop_off_path(name, state)
@@ -174,7 +173,7 @@ class RemoteRobots(RobotPort):
         """
         begin_s = self._wall_s()
         history = self.nodes.history
-        if history and len(history.finished) == len(self._cell.tpg.chains):
+        if history and len(history.finished) == len(self._execution.tpg.chains):
             self.silent.clear()
             return
         while missing := sorted(self._links.keys() - self._states.keys()):
@@ -214,11 +213,11 @@ class RemoteRobots(RobotPort):
     def _wait(self) -> float:
         """Wait for the next event and return its time [ns]; infinity at the end of the run."""
         while True:
-            if self._cell.ended is not None:
+            if self._execution.ended is not None:
                 return math.inf
-            due = self._cell.next_event_ns()
+            due = self._execution.next_event_ns()
             now = self.nodes.passed_ns()
-            over = self._cell.is_done() and not self._replanner.planning
+            over = self._execution.is_done() and not self._replanner.planning
             if due <= now or (due == math.inf and over):
                 return due
             if self._inbox.is_behind():
@@ -233,16 +232,16 @@ class RemoteRobots(RobotPort):
 
     def _end(self, code: EndingCode, robot: str, words: str) -> None:
         """End the session with its first cause, or else with the waits of all robots."""
-        if self._cell.ended is None:
+        if self._execution.ended is None:
             pending = self._pending()
             waits = "; ".join(node.words() for node in pending)
             words = words if robot else f"{words}: {waits}"
-            self._cell.ended = Ending(code, robot, words, pending)
+            self._execution.ended = Ending(code, robot, words, pending)
 
     def _end_without_progress(self, due_ns: float, now_s: float) -> None:
         """End a session without pending events or actors, or without progress for very long."""
         links = self._links
-        attended = self._cell.audience is not None
+        attended = self._execution.audience is not None
         acting = {name for name in links if self._may_act(name, now_s)}
         person = attended and any(
             links[name].held for name in acting - self._replanner.out
@@ -257,7 +256,7 @@ class RemoteRobots(RobotPort):
         elif acting:
             self._idle_s = now_s
         planned_ns = max(
-            (own.max(initial=0) for own in self._cell.times.motion), default=0
+            (own.max(initial=0) for own in self._execution.times.motion), default=0
         )
         most_s = self._out_s + float(planned_ns) / NANOSECONDS / self._pace
         if now_s - self._idle_s > self._out_s:
@@ -277,25 +276,29 @@ class RemoteRobots(RobotPort):
         if old or state is None or state.mode == "fault":
             return False
         if link.held or state.mode == "held":
-            return self._cell.audience is not None or not link.held
+            return self._execution.audience is not None or not link.held
         return state.mode == "moving" or state.begun > state.done or link.is_acting
 
     def _pending(self) -> tuple[PendingNode, ...]:
         """Return the next node of every robot and machine that has nodes left."""
         found = []
-        for k, chain in enumerate(self._cell.tpg.chains):
-            node = next((n for n, end in enumerate(self._cell.end[k]) if end < 0), None)
+        for k, chain in enumerate(self._execution.tpg.chains):
+            node = next(
+                (n for n, end in enumerate(self._execution.end[k]) if end < 0), None
+            )
             if node is None:
                 continue
-            waits = self._cell.dispatcher.waits_for(k, node)
-            names = tuple((self._cell.tpg.chains[other].robot, n) for other, n in waits)
+            waits = self._execution.dispatcher.waits_for(k, node)
+            names = tuple(
+                (self._execution.tpg.chains[other].robot, n) for other, n in waits
+            )
             state, link = self._states.get(chain.robot), self.nodes.link(k)
             mode, held = state.mode if state else None, bool(link and link.held)
             about = (
                 chain.robot,
                 node,
-                self._cell.task[k][node],
-                node < self._cell.released[k],
+                self._execution.task[k][node],
+                node < self._execution.released[k],
             )
             found.append(PendingNode(*about, names, mode, held))
         return tuple(found)
@@ -309,8 +312,8 @@ class RemoteRobots(RobotPort):
 
     def now(self, act: Callable[..., None], *about: Any) -> None:
         """Schedule a call in the simulation for the present time of the run."""
-        happens = self._cell.env.timeout(
-            max(self.nodes.passed_ns() - self._cell.now_ns, 0)
+        happens = self._execution.env.timeout(
+            max(self.nodes.passed_ns() - self._execution.now_ns, 0)
         )
         happens.callbacks.append(lambda _: act(*about))
 
@@ -322,16 +325,20 @@ class RemoteRobots(RobotPort):
         self.nodes.sync_tool_commands()
         news, self.nodes.updates[name] = (
             self.nodes.updates[name],
-            self._cell.env.event(),
+            self._execution.env.event(),
         )
         news.succeed()
         if name in self.silent:
             self.silent.discard(name)
-            self._cell.redispatch()
+            self._execution.redispatch()
 
     def _stop_off_path(self, name: str, state: DriverState) -> None:
         """Stop all robots if one is too far off its path; one at fault is excluded with its own cause."""
-        if state.off <= self._tolerance or state.mode == "fault" or self._cell.ended:
+        if (
+            state.off <= self._tolerance
+            or state.mode == "fault"
+            or self._execution.ended
+        ):
             return
         # What was planned to be free is not known to be so any more.
         words = (
@@ -344,7 +351,7 @@ class RemoteRobots(RobotPort):
 
     def _service_links(self, now_s: float) -> None:
         """Execute orders of people, send commands to drivers, and check their heartbeats."""
-        audience = self._cell.audience
+        audience = self._execution.audience
         if audience is not None:
             audience.obey()
         for name, link in self._links.items():
@@ -376,19 +383,22 @@ class RemoteRobots(RobotPort):
 
     def record_driver(self, name: str, words: str) -> None:
         """Record that a robot has stopped, with the reason, or that it resumes, without one."""
-        if self._cell.narrator is not None and name in self._cell.tpg.chain_index:
+        if (
+            self._execution.narrator is not None
+            and name in self._execution.tpg.chain_index
+        ):
             kind: EventKind = "stopped" if words else "resumed"
-            self._cell.narrator.emit(
-                kind, self._cell.tpg.chain_index[name], detail=words
+            self._execution.narrator.emit(
+                kind, self._execution.tpg.chain_index[name], detail=words
             )
 
     def _give_up_driver(self, name: str, words: str) -> None:
         """Continue without a robot that stands at a border; if it stands elsewhere, end the run."""
-        if name in self._replanner.out or self._cell.ended is not None:
+        if name in self._replanner.out or self._execution.ended is not None:
             return
-        link, k = self._links[name], self._cell.tpg.chain_index.get(name)
-        if k is None or link.rests(self._cell.released[k], self._tolerance):
-            self._replanner.outage(name, self._cell.now_ns)
+        link, k = self._links[name], self._execution.tpg.chain_index.get(name)
+        if k is None or link.rests(self._execution.released[k], self._tolerance):
+            self._replanner.outage(name, self._execution.now_ns)
         else:
             self._end("driver-lost", name, f"{name} {words}")
 
@@ -418,10 +428,10 @@ class RemoteRobots(RobotPort):
 
         threading.Thread(target=compute, daemon=True).start()
         while not made.done():
-            yield self._cell.env.timeout(round(_TICK_S * self._pace * NANOSECONDS))
+            yield self._execution.env.timeout(round(_TICK_S * self._pace * NANOSECONDS))
         self._settled = True
         # Robots whose plan depends on an open question continue to the end of their plan.
-        self._cell.redispatch()
+        self._execution.redispatch()
         return made.result()
 
     def _may_release(self, chain: int) -> bool:

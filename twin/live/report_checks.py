@@ -1,8 +1,8 @@
 """Validation of driver reports before they are used.
 
 Drivers are external programs, so every field of a report is untrusted input. It is compared with the nodes that the
-dispatcher has cleared for the robot. A report that breaks a rule is rejected as a whole, and its robot is no longer
-trusted.
+dispatcher has cleared (permitted) for the robot. A report that breaks a rule is rejected as a whole, and its robot is
+no longer trusted.
 """
 
 from __future__ import annotations

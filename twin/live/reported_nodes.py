@@ -58,7 +58,7 @@ class ReportedNodes:
         history: History | None,
         clock: Callable[[], float],
     ) -> None:
-        self._cell = execution
+        self._execution = execution
         self._simulated = SimulatedRobots(execution)
         self.links, self.wall_s = links, clock
         since_s = history.since_ns / NANOSECONDS if history else 0.0
@@ -75,14 +75,14 @@ class ReportedNodes:
 
     def _restore(self, history: History) -> None:
         """Restore the state of a log."""
-        for k, chain in enumerate(self._cell.tpg.chains):
+        for k, chain in enumerate(self._execution.tpg.chains):
             cleared, done = history.cleared_ns[k], history.end_ns[k]
-            self._cell.released[k] = len(cleared)
-            self._cell.outstanding[k] = len(cleared) - len(done)
+            self._execution.released[k] = len(cleared)
+            self._execution.outstanding[k] = len(cleared) - len(done)
             if done:
-                self._cell.dispatcher.observe(k, len(done) - 1)
+                self._execution.dispatcher.observe(k, len(done) - 1)
             if k in history.finished:
-                self._cell.finished[k] = len(chain)
+                self._execution.finished[k] = len(chain)
             if (link := self.links.get(chain.robot)) is not None:
                 for node in range(len(cleared)):
                     self._clear(link, k, node, passed=node < len(done))
@@ -90,56 +90,62 @@ class ReportedNodes:
                 link.hold(chain.robot in history.held)
                 self._rows[chain.robot].cleared_ns = list(cleared)
             else:
-                self._cell.queue[k].extend(
+                self._execution.queue[k].extend(
                     range(len(history.start_ns[k]), len(cleared))
                 )
-        for source, targets in self._cell.impatient.items():
+        for source, targets in self._execution.impatient.items():
             for (k, node), _ in targets:
-                if node < self._cell.released[k]:  # it had waited long enough
-                    self._cell.dispatcher.lift(source, (k, node))
+                if node < self._execution.released[k]:  # it had waited long enough
+                    self._execution.dispatcher.lift(source, (k, node))
         begin_s = self.log.begin_s()
         if begin_s is not None and abs(begin_s - self.begin_s) < _CLOCK_TOLERANCE_S:
             self.begin_s = begin_s
         sizes = {
             chain.robot: (len(chain.start), len(history.cleared_ns[k]))
-            for k, chain in enumerate(self._cell.tpg.chains)
+            for k, chain in enumerate(self._execution.tpg.chains)
             if chain.robot in self._rows
         }
         for robot, t_ns, sample in self.log.before(sizes):
             self._rows[robot].add(t_ns, sample)
-        for k, chain in enumerate(self._cell.tpg.chains):
+        for k, chain in enumerate(self._execution.tpg.chains):
             begun, done = history.start_ns[k], history.end_ns[k]
             if (link := self.links.get(chain.robot)) is not None:
                 known = len(self._rows[chain.robot].begin_ns)
                 link.begun = max(link.begun, len(begun), known)
-            self._cell.start[k][: len(begun)], self._cell.end[k][: len(done)] = (
+            (
+                self._execution.start[k][: len(begun)],
+                self._execution.end[k][: len(done)],
+            ) = (
                 begun,
                 done,
             )
-        if self._cell.narrator is not None:
-            self._cell.narrator.held_by(history.holders)
+        if self._execution.narrator is not None:
+            self._execution.narrator.held_by(history.holders)
 
     def correct_times(self) -> None:
         """Correct node times of the log by samples; the log has the times of the reports.
 
         Samples that were not on the disk are resent after a restart of the dispatcher.
         """
-        for k, chain in enumerate(self._cell.tpg.chains):
+        for k, chain in enumerate(self._execution.tpg.chains):
             if (rows := self._rows.get(chain.robot)) is not None:
                 for known_times, own in (
-                    (self._cell.start[k], rows.begin_ns),
-                    (self._cell.end[k], rows.end_ns),
+                    (self._execution.start[k], rows.begin_ns),
+                    (self._execution.end[k], rows.end_ns),
                 ):
                     known_times[: len(own)] = map(min, known_times, own)
 
     def node_times(self) -> NodeTimes:
         """Return node durations."""
         took = []
-        for k, planned in enumerate(self._cell.times.motion):
-            start, end = np.array(self._cell.start[k]), np.array(self._cell.end[k])
+        for k, planned in enumerate(self._execution.times.motion):
+            start, end = (
+                np.array(self._execution.start[k]),
+                np.array(self._execution.end[k]),
+            )
             took.append(np.where(end >= 0, end - start, planned).astype(np.int64))
         stood = tuple(np.zeros_like(own) for own in took)
-        return replace(self._cell.times, motion=tuple(took), stood=stood)
+        return replace(self._execution.times, motion=tuple(took), stood=stood)
 
     def measured(self) -> dict[str, Measured]:
         """Return the positions of robots measured by their drivers."""
@@ -187,7 +193,7 @@ class ReportedNodes:
 
     def link(self, chain: int) -> Link | None:
         """Return the link of a chain's driver; None for a machine."""
-        return self.links.get(self._cell.tpg.chains[chain].robot)
+        return self.links.get(self._execution.tpg.chains[chain].robot)
 
     def _released(self, chain: int, node: int) -> None:
         """Clear a released node to the driver of its robot."""
@@ -199,7 +205,7 @@ class ReportedNodes:
         self, link: Link, chain: int, node: int, *, passed: bool = False
     ) -> None:
         """Clear a node for a driver, and register the tool action of another robot within it."""
-        about = self._cell.tpg, chain, node, self._acts[chain]
+        about = self._execution.tpg, chain, node, self._acts[chain]
         if (other := tool_order_of_node(*about)) is not None and not passed:
             link.awaited.append(AwaitedActuation(node, *other))
         if other is not None and self.history is not None:
@@ -215,45 +221,47 @@ class ReportedNodes:
     def execute(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Follow a node that a driver executes; return whether its task failed for good."""
         if self.link(chain) is None:
-            if self._cell.start[chain][node] < 0:
+            if self._execution.start[chain][node] < 0:
                 return (yield from self._simulated.execute(chain, node))
             yield from self._finish_undriven(chain, node)
             return False
-        name = self._cell.tpg.chains[chain].robot
+        name = self._execution.tpg.chains[chain].robot
         while not self._reached(name, node):
             yield self.updates[name]
         rows = self._rows[name]
-        if self._cell.start[chain][node] < 0:
-            self._cell.start[chain][node] = rows.begin_ns[node]
-            self._cell.count_patience(chain, node)
-            if self._cell.narrator is not None:
-                self._cell.narrator.emit("started", chain, node)
+        if self._execution.start[chain][node] < 0:
+            self._execution.start[chain][node] = rows.begin_ns[node]
+            self._execution.count_patience(chain, node)
+            if self._execution.narrator is not None:
+                self._execution.narrator.emit("started", chain, node)
         while not self._reached(name, node, through=True):
             yield self.updates[name]
         if self.links[name].failed == node:
-            if self._cell.narrator is not None:
+            if self._execution.narrator is not None:
                 words = self.states[name].words
-                self._cell.narrator.emit("failed", chain, node, detail=words)
+                self._execution.narrator.emit("failed", chain, node, detail=words)
             return True
         self._complete(chain, node)
-        self._cell.end[chain][node] = rows.end_ns[node]
+        self._execution.end[chain][node] = rows.end_ns[node]
         return False
 
     def _finish_undriven(self, chain: int, node: int) -> Steps:
         """Execute the rest of a node without a driver that began before the dispatcher's restart."""
-        end_ns = self._simulated.motion_end(chain, node, self._cell.start[chain][node])
-        yield self._cell.env.timeout(max(end_ns - self._cell.now_ns, 0))
+        end_ns = self._simulated.motion_end(
+            chain, node, self._execution.start[chain][node]
+        )
+        yield self._execution.env.timeout(max(end_ns - self._execution.now_ns, 0))
         self._complete(chain, node)
 
     def _complete(self, chain: int, node: int) -> None:
         """Report a node complete, with its handlings that are not logged yet."""
-        if self._cell.narrator is not None:
+        if self._execution.narrator is not None:
             known = self.history.handled[chain, node] if self.history else 0
-            handled = self._cell.narrator.handlings.get((chain, node), ())
+            handled = self._execution.narrator.handlings.get((chain, node), ())
             for _, item, holder in handled[known:]:
-                self._cell.narrator.handle(chain, node, item, holder)
-            self._cell.narrator.emit("completed", chain, node)
-        self._cell.complete(chain, node)
+                self._execution.narrator.handle(chain, node, item, holder)
+            self._execution.narrator.emit("completed", chain, node)
+        self._execution.complete(chain, node)
 
     def _reached(self, name: str, node: int, *, through: bool = False) -> bool:
         """Return whether a robot has begun, completed or failed a node."""
@@ -263,8 +271,8 @@ class ReportedNodes:
 
     def extended(self) -> None:
         """Withdraw clearances of drivers beyond the committed prefix."""
-        cell = self._cell
-        self._acts = actuation_nodes(cell.tpg)
+        execution = self._execution
+        self._acts = actuation_nodes(execution.tpg)
         for name, link in self.links.items():
-            if (k := cell.tpg.chain_index.get(name)) is not None:
-                link.swap(cell.revision, cell.released[k])
+            if (k := execution.tpg.chain_index.get(name)) is not None:
+                link.swap(execution.revision, execution.released[k])

@@ -1,4 +1,4 @@
-"""State of a run from its log, from which a restarted dispatcher continues."""
+"""State of a run, restored from its log so that a restarted dispatcher can continue the run."""
 
 from __future__ import annotations
 

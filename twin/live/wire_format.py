@@ -22,13 +22,13 @@ LARGEST_NUMBER = 1e12
 """Greatest absolute value of a number in a message."""
 
 MOST_BYTES = 4 << 20
-"""Longest message [B]."""
+"""Greatest size of a message [B]."""
 
 MOST_SAMPLES = 20_000
-"""Most samples of a report."""
+"""Greatest number of samples in a report."""
 
 _MOST_TEXT = 1000
-"""So many letters of a text of a report are read."""
+"""Number of characters to which texts of a report are cut."""
 
 _ACTS = ("", "close", "open")
 
@@ -85,7 +85,7 @@ def read_command(content: bytes) -> Command:
     """Parse a command.
 
     Raises:
-        MessageError: they are none.
+        MessageError: the bytes are no command.
     """
     message = _parsed("Command", content)
     start = _numbers("start", message.start)
@@ -156,11 +156,11 @@ def read_report(content: bytes, joints: int = 0) -> Report:
 
     Args:
         content: the bytes.
-        joints: number of the robot's joints. Of lists that are longer than it has, and of long texts, no more is
-            read than shows that.
+        joints: number of joints of the robot. Lists are cut after one more value, so that a wrong length is still
+            noticed; long texts are cut, too.
 
     Raises:
-        MessageError: they are none.
+        MessageError: the bytes are no report.
     """
     if len(content) > MOST_BYTES:
         raise MessageError(f"no report: {len(content)} bytes, {MOST_BYTES} at most")
@@ -197,7 +197,7 @@ def read_report(content: bytes, joints: int = 0) -> Report:
 
 
 def _first(values: Sequence[float], count: int) -> Array:
-    """Return the first numbers up to a count, and one more if there is one."""
+    """Return the first numbers up to a count, and the next one, if any."""
     return np.array(values[: count + 1], dtype=float)
 
 

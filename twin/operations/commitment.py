@@ -1,6 +1,7 @@
-"""Replan triggers, cuts of a plan, and committed prefixes.
+"""Replan triggers, plan revisions and committed prefixes.
 
-A cut divides the nodes of a plan. The committed prefix before the cut is executed as planned; the rest is replanned.
+A replan trigger is an event after which a plan is revised, such as a failure. A cut divides the nodes of the plan: the
+committed prefix before the cut is executed as planned, and the rest is planned again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Node times of a plan revision that replaces the graph of a run in progress."""
+"""Durations and standstills of the nodes of a revised plan, which replaces the plan of a run in progress."""
 
 from __future__ import annotations
 

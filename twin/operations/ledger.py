@@ -1,4 +1,4 @@
-"""Ledger of an operation: steps not done, lost objects, failed attempts, and answers of a person."""
+"""Ledger of an execution with replanning: steps not done, lost objects, failed attempts, and answers of a person."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.operations.person import Ask
 
 
 class LedgerEntries:
-    """Entries of a ledger, recorded or in a draft.
+    """Entries of a ledger, recorded or in the draft of a recovery plan.
 
     Attributes:
         resting: the later steps that rest on each step, by number.

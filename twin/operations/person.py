@@ -1,7 +1,8 @@
 """A person who answers questions before a step is abandoned, and the tasks in which the person helps.
 
-The answer is drawn when a plan is made: how long the person takes, and whether the person can help. Help is a task
-of the graph, in which the person brings an object of the same kind as the lost one, or fixes the failure.
+When a plan is made, the time until the answer and the answer itself (whether the person can help) are drawn at random.
+Help is a task of the graph, in which the person brings an object of the same kind as the lost one, or fixes the
+failure.
 """
 
 from __future__ import annotations

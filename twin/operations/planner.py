@@ -1,6 +1,8 @@
-"""Interface of recovery planners, which turn a plan state and a replan trigger into a new state and a plan revision.
+"""Interface of recovery planners, which revise a plan during its execution.
 
-A revision appends an extension to the committed prefix, the nodes that are executed as planned in any case.
+A planner receives the state of the plan and the trigger of replanning, such as a failure. It returns a new state and a
+plan revision. The revision appends new nodes to the committed prefix: the nodes that are executed as planned in any
+case.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ class TaskSeeds:
     Attributes:
         first: tasks of the first plan, by step and kind.
         skills: step and kind of every task, by index, failed and omitted ones included.
-        names: keys of tasks that are not named by themselves, by index.
+        names: keys of the tasks that do not use their own name as key, by index.
     """
 
     first: Mapping[_Skill, tuple[Task, ...]]
@@ -143,8 +145,8 @@ class Planner(ABC, Generic[State]):
     ) -> tuple[State, Extension]:
         """Return the next state, still with its graph, and an extended graph that recovers from failures.
 
-        The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
-        Without ``more_steps`` no steps come into the planning window.
+        The tasks of the new graph include those of the committed prefix; it begins with the world state at the cut.
+        Without ``more_steps``, no steps are added to the planning window.
         """
 
     def extend_initial(self, trigger: ReplanTrigger) -> tuple[State, Extension]:
@@ -182,7 +184,7 @@ class Planner(ABC, Generic[State]):
         revision reduces the measure, or is the end of the operation; see ``termination``.
 
         Args:
-            state: of the plan that is executed; of its graph only committed nodes are executed any more.
+            state: state of the executed plan; only the committed nodes of its graph are still executed.
             trigger: events since the last plan.
 
         Raises:
@@ -239,11 +241,11 @@ def append_extension(
 
     Args:
         at: the committed prefix.
-        new: begins in the world at the cut; its tasks are those before it and then its own.
-        cell: with all objects that there are.
+        new: graph that begins with the world state at the cut; its tasks include those of the committed prefix.
+        cell: workcell with all objects.
         ledger: state of the operation, with pending replacements and their names.
         waits: edges between new and committed nodes, shape (e, 2).
-        windows: time windows, where they differ from those of the prefix.
+        windows: time windows, if they differ from those of the prefix.
 
     Returns:
         The whole graph, the new part, and the cell with replacements.

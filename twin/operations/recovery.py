@@ -1,8 +1,9 @@
 """Recovery of assemblies after all attempts at a skill have failed, or after a robot has gone out of service.
 
-Plans are made from several cuts, and the best one is used. ``failure_triage`` decides what follows each failure. The
-skill is retried; or its step is restarted with another grip, object of the same kind or robot, chosen by the integer
-program; or the step is abandoned together with the steps that depend on it.
+A cut divides the graph into nodes that are executed as planned (the committed prefix) and nodes that are replaced, see
+``scheduling.rolling.cut``. New plans are made for several cuts, and the best one is used. After a failure, the skill is
+retried, its step is restarted, a person is asked, or the step is abandoned together with all steps that depend on it;
+see ``failure_triage``. For a restarted step, the integer program chooses grip, object and robot.
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ class Proposal:
     Attributes:
         union, new: the extended graph, and its new part.
         at: the committed prefix.
-        state: of the longer graph.
-        more: number of steps that it abandons.
+        state: of the assembly with the extended graph.
+        more: number of steps that are abandoned in addition.
     """
 
     union: TemporalPlanGraph

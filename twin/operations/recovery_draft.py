@@ -1,4 +1,7 @@
-"""Draft of a recovery plan from one cut: the planned extension, and the abandoned steps."""
+"""Draft of a recovery plan: the planned extension of the executed plan, and the abandoned steps.
+
+A draft belongs to one cut, which divides the nodes of the executed plan into kept and replaced nodes.
+"""
 
 from __future__ import annotations
 

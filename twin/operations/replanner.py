@@ -1,8 +1,9 @@
 """Replanning during an execution: the graph is cut and extended while robots execute it.
 
-A run continues after all attempts at a skill have failed, or after an outage of a robot. While the committed prefix
-is executed, the rest is planned from the world state at the end of that prefix. Then the extended graph replaces the
-old one.
+A run continues after all attempts at a skill have failed, or after an outage of a robot. The nodes that are still
+executed as planned are the committed prefix. During their execution, the rest is planned from the world state at the
+end of the prefix. Then the extended graph replaces the old one. ``Planner.recover`` (planner.py) makes each
+``PlanRevision``; ``Recovery.extend`` (recovery.py) plans it for bricks, goals and parts.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class RollingReplanner(Replanner):
         halting: bool = False,
         keep: Keep | None = None,
     ) -> None:
-        self._cell = execution
+        self._execution = execution
         self._hold = hold or (lambda tpg: tpg)
         execution.dispatch_by(self._hold(execution.tpg))
         self.versions: list[PlanRevision] = []
@@ -121,43 +122,43 @@ class RollingReplanner(Replanner):
 
     def outage(self, robot: str, at_ns: int) -> None:
         """Take a robot out of service at a time [ns]."""
-        cell = self._cell
+        execution = self._execution
 
         def stop() -> Steps:
-            yield cell.env.timeout(max(at_ns - cell.now_ns, 0))
-            if robot not in self._out and not cell.is_done():
+            yield execution.env.timeout(max(at_ns - execution.now_ns, 0))
+            if robot not in self._out and not execution.is_done():
                 self._out.add(robot)
-                if robot in cell.tpg.chain_index:
-                    k = cell.tpg.chain_index[robot]
-                    self._limit[k] = min(self._limit[k], cell.released[k])
-                    if cell.narrator is not None:
-                        cell.narrator.emit(
+                if robot in execution.tpg.chain_index:
+                    k = execution.tpg.chain_index[robot]
+                    self._limit[k] = min(self._limit[k], execution.released[k])
+                    if execution.narrator is not None:
+                        execution.narrator.emit(
                             "failed", k, detail=EventCode.OUT_OF_SERVICE.value
                         )
                 self._replan()
 
-        cell.env.process(stop())
+        execution.env.process(stop())
 
     def order(self, drop: Collection[int], more: int, at_ns: int) -> None:
         """Cancel steps, and order more products, at a time [ns]."""
-        cell = self._cell
+        execution = self._execution
         self._to_come += 1
 
         def change() -> Steps:
-            yield cell.env.timeout(at_ns)
+            yield execution.env.timeout(at_ns)
             self._to_come -= 1
             self._unwanted.update(drop)
             self._more += more
             failed = {f.chain: f.node for f in self._failures}
-            counts = [failed.get(k, n) for k, n in enumerate(cell.released)]
+            counts = [failed.get(k, n) for k, n in enumerate(execution.released)]
             if more or self._unwanted - self.planner.begun(self.state, counts):
                 self._replan()
 
-        cell.env.process(change())
+        execution.env.process(change())
 
     def _events(self) -> int:
         """Return the number of external events that can still occur."""
-        unknown, supply = 0, self._cell.supply
+        unknown, supply = 0, self._execution.supply
         if isinstance(supply, LateSupply):
             unknown = len({*supply.arriving.values()} - supply.missed)
         return len(self._team - self._out) + self._to_come + unknown
@@ -166,17 +167,19 @@ class RollingReplanner(Replanner):
 
     def recover(self, chain: int, node: int) -> Steps:
         """Wait for a plan revision after the skill that begins with a node has failed for good."""
-        cell = self._cell
-        failed_ns = cell.now_ns
-        missing = cell.supply is not None and bool(cell.supply.missing(chain, node))
-        if cell.messages.report_ns:
+        execution = self._execution
+        failed_ns = execution.now_ns
+        missing = execution.supply is not None and bool(
+            execution.supply.missing(chain, node)
+        )
+        if execution.messages.report_ns:
             # Until the message arrives, the robot counts as working.
-            yield cell.env.timeout(cell.messages.report_ns)
-        cell.end[chain][node] = failed_ns
-        lost = not missing and chain in cell.times.lost
+            yield execution.env.timeout(execution.messages.report_ns)
+        execution.end[chain][node] = failed_ns
+        lost = not missing and chain in execution.times.lost
         self._failures.append(Failure(chain, node, lost, missing))
         self._limit[chain] = node
-        cell.withdraw(chain, node + 1)
+        execution.withdraw(chain, node + 1)
         self._replan()
         yield self._revised
 
@@ -190,22 +193,22 @@ class RollingReplanner(Replanner):
         Released nodes are not withdrawn, which limits replanning, so no task is released long before
         it begins.
         """
-        cell, count = self._cell, self._cell.outstanding[chain]
-        node, task = cell.released[chain], cell.task[chain]
+        execution, count = self._execution, self._execution.outstanding[chain]
+        node, task = execution.released[chain], execution.task[chain]
         if node >= self._limit[chain]:
             return False
         if self._ahead_ns is None or not count or task[node] == task[node - 1]:
             return True
-        return int(sum(cell.motion[chain][node - count : node])) < self._ahead_ns
+        return int(sum(execution.motion[chain][node - count : node])) < self._ahead_ns
 
     def _released(self, chain: int, node: int) -> None:
         """Plan further steps when a released task makes them due."""
-        task = self._cell.task[chain]
+        task = self._execution.task[chain]
         if node == 0 or task[node] != task[node - 1]:
             self._plan_more()
 
     def _plan_more(self) -> None:
-        released = self._cell.released
+        released = self._execution.released
         if not self._planning and self.planner.due(self.state, released):
             self._plan_again()
 
@@ -221,56 +224,56 @@ class RollingReplanner(Replanner):
         self._again = True
         if not self._planning:
             self._planning = True
-            self._cell.env.process(self._plan())
+            self._execution.env.process(self._plan())
 
     def _halt(self) -> None:
         """Withdraw all released nodes beyond the current tasks."""
-        for k, own in enumerate(self._cell.start):
+        for k, own in enumerate(self._execution.start):
             count = sum(begun >= 0 for begun in own)
             while not self._rests_between_tasks(k, count):
                 count += 1
-            self._cell.withdraw(k, count)
+            self._execution.withdraw(k, count)
             self._limit[k] = min(self._limit[k], count)
 
     def _rests_between_tasks(self, chain: int, count: int) -> bool:
         """Return whether a robot is at rest and in no task after a number of its nodes."""
-        task = self._cell.task[chain]
+        task = self._execution.task[chain]
         if count == len(task):
             return True
         between = count == 0 or task[count - 1] != task[count]
-        return between and self._cell.robots.rests_before(chain, count)
+        return between and self._execution.robots.rests_before(chain, count)
 
     def _plan(self) -> Steps:
-        cell = self._cell
+        execution = self._execution
         # After all that happens at this time.
-        yield cell.end_of_instant(_AFTER_ALL)
+        yield execution.end_of_instant(_AFTER_ALL)
         while self._again:
             self._again = False
             state, version = yield from self._version()
             self._limit = list(version.counts[: len(self._limit)])
             if version.planning_ns:
-                yield cell.env.timeout(version.planning_ns)
+                yield execution.env.timeout(version.planning_ns)
         self._planning = False
         self.state = state
-        if self._failures or plan_sha256(version.tpg) != plan_sha256(cell.tpg):
+        if self._failures or plan_sha256(version.tpg) != plan_sha256(execution.tpg):
             self._take_over(version)
         else:
             # Replanning has changed nothing.
             self._set_limits()
-        revised, self._revised = self._revised, cell.env.event()
+        revised, self._revised = self._revised, execution.env.event()
         revised.succeed()
-        cell.redispatch()
+        execution.redispatch()
         self._plan_more()
 
     def _version(self) -> Generator[simpy.Event, Any, tuple[Any, PlanRevision]]:
         """Plan a revision from the current trigger, repeated for each question to a person."""
-        cell, audience = self._cell, self._cell.audience
+        execution, audience = self._execution, self._execution.audience
         while True:
             if audience is not None:
                 audience.show_planning()
             plan = partial(self.planner.recover, self.state, self._trigger())
             try:
-                return (yield from cell.robots.compute(plan))
+                return (yield from execution.robots.compute(plan))
             except UnansweredError as error:
                 if audience is None:
                     raise
@@ -280,18 +283,18 @@ class RollingReplanner(Replanner):
 
     def _trigger(self) -> ReplanTrigger:
         """Return the replan trigger of now."""
-        cell = self._cell
-        coming = {} if cell.supply is None else cell.supply.arriving
+        execution = self._execution
+        coming = {} if execution.supply is None else execution.supply.arriving
         opened = window_opening_times(
-            cell.tpg, np.array([t for own in cell.end for t in own])
+            execution.tpg, np.array([t for own in execution.end for t in own])
         )
         return ReplanTrigger(
             tuple(self._failures),
             frozenset(self._out),
             frozenset(self._unwanted),
             # Pending deliveries are kept in every revision.
-            tuple(max(n, int(k in coming)) for k, n in enumerate(cell.released)),
-            {k: (cell.now_ns - t) / NANOSECONDS for k, t in opened.items()},
+            tuple(max(n, int(k in coming)) for k, n in enumerate(execution.released)),
+            {k: (execution.now_ns - t) / NANOSECONDS for k, t in opened.items()},
             self._clock(),
             due=not (self._failures or self._out or self._unwanted or self._more),
             more=self._more,
@@ -301,26 +304,26 @@ class RollingReplanner(Replanner):
     def _clock(self) -> Clock:
         begun, ended = (
             tuple(np.array([t for t in own if t >= 0]) / NANOSECONDS for own in rows)
-            for rows in (self._cell.start, self._cell.end)
+            for rows in (self._execution.start, self._execution.end)
         )
-        return Clock(self._cell.now_ns / NANOSECONDS, begun, ended)
+        return Clock(self._execution.now_ns / NANOSECONDS, begun, ended)
 
     def _take_over(self, version: PlanRevision) -> None:
         """Continue the execution with a plan revision."""
-        cell, tpg = self._cell, version.tpg
+        execution, tpg = self._execution, version.tpg
         failures, self._failures = self._failures, []
-        times = continued_times(cell.times, version, cell.end)
+        times = continued_times(execution.times, version, execution.end)
         failed = [(failure.chain, failure.node) for failure in failures]
-        cell.extend(tpg, self._hold(tpg), times, version.counts, failed)
+        execution.extend(tpg, self._hold(tpg), times, version.counts, failed)
         self._set_limits()
         if self._keep_version is not None:
-            self._keep_version(cell.revision, tpg)
+            self._keep_version(execution.revision, tpg)
         self._record(version, failures)
         self.versions.append(version)
 
     def _record(self, version: PlanRevision, failures: list[Failure]) -> None:
         """Record a revision, and the recovery from each failure."""
-        narrator = self._cell.narrator
+        narrator = self._execution.narrator
         if narrator is None:
             return
         cut = ", ".join(
@@ -330,7 +333,7 @@ class RollingReplanner(Replanner):
         seconds = version.planning_ns / NANOSECONDS
         narrator.emit(
             "replanned",
-            detail=f"version {self._cell.revision}, {plan_sha256(version.tpg)[:12]}:"
+            detail=f"version {self._execution.revision}, {plan_sha256(version.tpg)[:12]}:"
             f" {version.cause}; cut at {cut}; planned in {seconds:.3f} s",
         )
         for failure, words in zip(failures, version.recovered, strict=True):
@@ -343,6 +346,6 @@ class RollingReplanner(Replanner):
     def _set_limits(self) -> None:
         """Allow robots in service to be released the whole graph."""
         self._limit = [
-            self._cell.released[k] if chain.robot in self._out else len(chain)
-            for k, chain in enumerate(self._cell.tpg.chains)
+            self._execution.released[k] if chain.robot in self._out else len(chain)
+            for k, chain in enumerate(self._execution.tpg.chains)
         ]

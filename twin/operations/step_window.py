@@ -1,4 +1,4 @@
-"""Rolling planning window of steps: its size, when it advances, and the ordered products.
+"""Rolling planning window of steps: its size, and the times at which it advances.
 
 The order of steps is fixed, and the structure is known to be stable after every step. Robots, objects and motions of
 a step are chosen when the step enters the window, or when its product is ordered.

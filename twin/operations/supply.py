@@ -20,7 +20,7 @@ class LateSupply(SupplyPort):
     """
 
     def __init__(self, execution: Execution) -> None:
-        self._cell = execution
+        self._execution = execution
         self.arriving: dict[int, str] = {}
         self.missed: set[str] = set()
         execution.gates.append(lambda chain: chain not in self.arriving)
@@ -32,56 +32,60 @@ class LateSupply(SupplyPort):
             chain: of the machine.
             at_ns: the time [ns]; where the run is over before, it is never brought.
         """
-        cell = self._cell
+        execution = self._execution
 
         def arrive() -> Steps:
-            yield cell.env.timeout(at_ns)
+            yield execution.env.timeout(at_ns)
             del self.arriving[chain]
-            cell.redispatch()
+            execution.redispatch()
 
-        self.arriving[chain] = str(cell.tpg.tasks[cell.task[chain][0]].object)
+        self.arriving[chain] = str(execution.tpg.tasks[execution.task[chain][0]].object)
         self.lift_unknown()
-        cell.env.process(arrive())
+        execution.env.process(arrive())
 
     def lift_unknown(self) -> None:
         """Remove edges from machines whose object no robot has missed yet."""
-        for a, u, b, v in self._cell.tpg.edges.tolist():
+        for a, u, b, v in self._execution.tpg.edges.tolist():
             if a in self.arriving and self.arriving[a] not in self.missed:
-                self._cell.dispatcher.lift((a, u), (b, v))
+                self._execution.dispatcher.lift((a, u), (b, v))
 
     def missing(self, chain: int, node: int) -> str | None:
         """Return the object of a skill that begins with a node, if it has not arrived."""
-        cell, task = self._cell, self._cell.task[chain]
+        execution, task = self._execution, self._execution.task[chain]
         begins = node == 0 or task[node - 1] != task[node]
-        if not self.arriving or not begins or not cell.tpg.chains[chain].skill[node]:
+        if (
+            not self.arriving
+            or not begins
+            or not execution.tpg.chains[chain].skill[node]
+        ):
             return None
-        name = cell.tpg.tasks[task[node]].object
+        name = execution.tpg.tasks[task[node]].object
         return name if name in self.arriving.values() else None
 
     def miss(self, chain: int, node: int) -> bool:
         """Let a skill fail for good if its object is missing; return whether it is."""
         if (name := self.missing(chain, node)) is None:
             return False
-        cell = self._cell
+        execution = self._execution
         self.missed.add(name)
-        cell.start[chain][node] = cell.now_ns
+        execution.start[chain][node] = execution.now_ns
         self._skip(chain, node)
-        if cell.narrator is not None:
-            cell.narrator.emit("started", chain, node)
-            label = cell.tpg.tasks[cell.task[chain][node]].label
+        if execution.narrator is not None:
+            execution.narrator.emit("started", chain, node)
+            label = execution.tpg.tasks[execution.task[chain][node]].label
             detail = f"{label}: {name} is not there"
-            cell.narrator.emit("failed", chain, node, detail=detail)
+            execution.narrator.emit("failed", chain, node, detail=detail)
         return True
 
     def _skip(self, chain: int, node: int) -> None:
         """Mark a skill as not attempted, whatever was drawn."""
-        times = self._cell.times
+        times = self._execution.times
         own, stood = list(times.standstills), list(times.stood)
         own[chain] = tuple(s for s in own[chain] if s.node != node)
         stood[chain] = np.where(np.arange(len(stood[chain])) == node, 0, stood[chain])
         failed = list(times.failed)
         failed[chain] = node
-        self._cell.times = replace(
+        self._execution.times = replace(
             times, standstills=tuple(own), stood=tuple(stood), failed=tuple(failed)
         )
-        self._cell.robots.skip(chain, node)
+        self._execution.robots.skip(chain, node)

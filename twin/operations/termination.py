@@ -1,4 +1,4 @@
-"""Termination of an operation: every plan revision reduces a measure that cannot decrease without end.
+"""Termination of an operation, proved by a measure that every plan revision reduces and that cannot decrease forever.
 
 Each revision of the plan has one of four causes:
 

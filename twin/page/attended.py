@@ -1,4 +1,4 @@
-"""Execution by drivers while people next to the cell see the progress, give orders and answer questions."""
+"""Execution of a run by drivers, with people who watch the progress, give orders to robots and answer questions."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class DrivenCell:
         Args:
             case: scenario to execute.
             folder: of the run.
-            answer: answers for a person; by default the page does where ``recovery.ask`` is given.
+            answer: answers questions in place of a person; by default the page asks if ``recovery.ask`` is given.
             page: port of the page, 0 for any that is free; None for no page.
             opened: receives the address of the page.
         """

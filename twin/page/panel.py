@@ -1,7 +1,4 @@
-"""State shared by the web page and the run: orders from people to the run, and progress of the run for display.
-
-People next to a cell watch the progress of the run, give orders to robots and answer questions.
-"""
+"""State shared by the web page and the run: orders and answers from people, and the progress that the page displays."""
 
 from __future__ import annotations
 
@@ -43,7 +40,7 @@ class Notice:
 
     Attributes:
         at_s: time of the run [s].
-        robot: whom it happened to, empty for the whole cell.
+        robot: robot that the event concerns, empty for the whole cell.
         kind: of the event.
         words: the text.
     """

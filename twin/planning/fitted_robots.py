@@ -1,4 +1,4 @@
-"""Robot models with the additions of a scenario: tools, flanges, limits and fixed joints."""
+"""Robot models with the changes that a scenario specifies: tools, flanges, limits and fixed joints."""
 
 from __future__ import annotations
 

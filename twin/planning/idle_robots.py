@@ -9,7 +9,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.scenario.sections.kind import AssemblyKind, IdleReason
 
-_WORDS: dict[IdleReason, str] = {
+# Text of each reason in messages, about the steps that the robot could do.
+_REASON_TEXTS: dict[IdleReason, str] = {
     "no reach": "it reaches none of them",
     "tools": "it has no tool for any of them",
     "not allowed": "the scenario gives all of them to others",
@@ -46,7 +47,7 @@ class IdleRobot:
         able = ""
         if self.serves is not None:
             able = f" of {self.steps} steps it can serve {self.serves};"
-        return f"{self.robot} gets no task:{able} {_WORDS[self.reason]}"
+        return f"{self.robot} gets no task:{able} {_REASON_TEXTS[self.reason]}"
 
 
 def idle_robots_of_manifest(content: object) -> tuple[IdleRobot, ...]:
@@ -55,7 +56,7 @@ def idle_robots_of_manifest(content: object) -> tuple[IdleRobot, ...]:
     return tuple(
         IdleRobot(name, own["reason"], own.get("serves"), own.get("steps"))
         for name, own in entries
-        if isinstance(own, dict) and own.get("reason") in [*_WORDS]
+        if isinstance(own, dict) and own.get("reason") in [*_REASON_TEXTS]
     )
 
 

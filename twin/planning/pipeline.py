@@ -1,4 +1,4 @@
-"""Stages of planning a scenario: assignment, motions, slots, temporal plan graph and shortcuts."""
+"""Stages of planning a scenario: assignment, motions, slots (synchronous policy), temporal plan graph and shortcuts."""
 
 from __future__ import annotations
 

@@ -56,8 +56,8 @@ def _form(section: ShapeSection, folder: Path) -> Form:
         return Cylinder(section.cylinder.radius_m, section.cylinder.length_m)
     if section.capsule is not None:
         return Capsule(section.capsule.radius_m, section.capsule.length_m)
-    from planning.meshes.mesh_form import mesh_form
+    from planning.meshes.mesh_loading import load_mesh
 
     assert section.mesh is not None
     file = resolve_file_name(section.mesh, folder, ShapeError)
-    return mesh_form(file, section.scale, section.within_m)
+    return load_mesh(file, section.scale, section.within_m)

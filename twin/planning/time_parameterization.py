@@ -1,6 +1,6 @@
 """Time parameterization of a plan: node times within the limits of its robots.
 
-Corners of paths are rounded before, if the scenario requests it.
+Corners of paths are rounded first if the scenario requests it.
 """
 
 from __future__ import annotations

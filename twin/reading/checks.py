@@ -13,7 +13,7 @@ from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeE
 from planning.files import resolve_file_name
 from planning.tasks.task import TaskKind
 from twin.document.section import iterate_nested
-from twin.document.validation import Found, check_known_name, unknown_name
+from twin.document.validation import Problems, check_known_name, unknown_name
 from twin.document.yaml_text import Elsewhere, KeyPath
 from twin.durations.measured import Empirical
 from twin.durations.model import DurationModel
@@ -50,7 +50,7 @@ def _changed_tools(cell: CellSection) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for r in cell.robots for name in r.tools))
 
 
-def _check_tools(scenario: Scenario) -> Found:
+def _check_tools(scenario: Scenario) -> Problems:
     """Yield problems of exchangeable tools."""
     tools, owners = scenario.cell.tools, dict[str, str]()
     for i, robot in enumerate(scenario.cell.listed):
@@ -85,7 +85,7 @@ def _check_tools(scenario: Scenario) -> Found:
         yield where, "tools are not changed yet where products are made again and again"
 
 
-def _check_tool_speeds(scenario: Scenario) -> Found:
+def _check_tool_speeds(scenario: Scenario) -> Problems:
     """Yield tool speed limits in scenarios that plan without limits."""
     if scenario.speed_model == "limits":
         return
@@ -99,7 +99,7 @@ def _check_tool_speeds(scenario: Scenario) -> Found:
                 )
 
 
-def find_problems(scenario: Scenario, folder: Path) -> Found:
+def find_problems(scenario: Scenario, folder: Path) -> Problems:
     """Yield all inconsistencies of a scenario.
 
     Args:
@@ -125,7 +125,7 @@ def find_problems(scenario: Scenario, folder: Path) -> Found:
     yield from assembly.problems(scenario.cell)
 
 
-def execution_problems(scenario: Scenario, folder: Path) -> Found:
+def execution_problems(scenario: Scenario, folder: Path) -> Problems:
     """Yield the inconsistencies that depend on the execution section; cheap, as studies vary it often.
 
     Args:
@@ -139,7 +139,7 @@ def execution_problems(scenario: Scenario, folder: Path) -> Found:
     yield from _check_skills(scenario)
 
 
-def _check_names(scenario: Scenario) -> Found:
+def _check_names(scenario: Scenario) -> Problems:
     """Yield names used twice among robots, or among fixtures and objects."""
     cell, assembly = scenario.cell, assembly_kind(scenario.assembly)
     robots = [(_place(cell, i, "name"), r.name) for i, r in enumerate(cell.robots)]
@@ -185,7 +185,7 @@ def _distinct_robots(cell: CellSection) -> Iterator[tuple[int, RobotSection]]:
     yield from enumerate(cell.robots[: len(cell.listed) + 1])
 
 
-def _check_robots(cell: CellSection, folder: Path) -> Found:
+def _check_robots(cell: CellSection, folder: Path) -> Problems:
     from twin.planning.fitted_robots import fitted_model
 
     for i, robot in _distinct_robots(cell):
@@ -231,7 +231,7 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
             yield at, f"{robot.model} has sliding joints: use home_rad_or_m"
 
 
-def _check_home(at: KeyPath, robot: RobotSection, model: RobotModel) -> Found:
+def _check_home(at: KeyPath, robot: RobotSection, model: RobotModel) -> Problems:
     """Yield joint values of HOME beyond the joint limits.
 
     Args:
@@ -261,7 +261,7 @@ def _is_path(model: str) -> bool:
     return Path(model).suffix.lower() in (".urdf", ".xml", ".mjcf")
 
 
-def _check_robot_names(scenario: Scenario) -> Found:
+def _check_robot_names(scenario: Scenario) -> Problems:
     """Yield disturbances of unknown robots and machines."""
     machines = tuple(scenario.kind.disturbed_machines())
     for name in scenario.execution.machines:
@@ -318,7 +318,7 @@ def _repeated_names(names: Sequence[str]) -> Iterator[tuple[int, str]]:
             yield i, name
 
 
-def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
+def _check_durations(value: object, at: KeyPath, folder: Path) -> Problems:
     """Yield invalid durations in nested sections, innermost first."""
     wrong: KeyPath = ()
     for place, part in iterate_nested(value, at):
@@ -331,20 +331,20 @@ def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
                 yield own, str(error)
 
 
-def _check_meshes(value: object, at: KeyPath, folder: Path) -> Found:
+def _check_meshes(value: object, at: KeyPath, folder: Path) -> Problems:
     """Yield unusable meshes in nested sections."""
     for place, part in iterate_nested(value, at):
         if isinstance(part, ShapeSection) and part.mesh is not None:
-            from planning.meshes.mesh_form import mesh_form
+            from planning.meshes.mesh_loading import load_mesh
 
             try:
                 file = resolve_file_name(part.mesh, folder, ShapeError)
-                mesh_form(file, part.scale, part.within_m)
+                load_mesh(file, part.scale, part.within_m)
             except ShapeError as error:
                 yield (*place, "mesh"), str(error)
 
 
-def _check_skills(scenario: Scenario) -> Found:
+def _check_skills(scenario: Scenario) -> Problems:
     """Yield durations and failures of unknown skills."""
     execution = scenario.execution
     changes = (
@@ -407,7 +407,7 @@ def _check_skills(scenario: Scenario) -> Found:
             yield from check_known_name(at, "robot", robot or None, robots)
 
 
-def _check_processes(scenario: Scenario) -> Found:
+def _check_processes(scenario: Scenario) -> Problems:
     """Yield processes whose name is taken or whose duration is missing."""
     for name in scenario.processes:
         at: KeyPath = ("assembly", "processes", name)
@@ -417,7 +417,7 @@ def _check_processes(scenario: Scenario) -> Found:
             yield at, f"how long does {name} take? Give it a duration"
 
 
-def _check_overrides(scenario: Scenario) -> Found:
+def _check_overrides(scenario: Scenario) -> Problems:
     robots = tuple(robot.name for robot in scenario.cell.robots)
     kinds = (
         *assembly_kind(scenario.assembly).object_kinds(),

@@ -33,8 +33,8 @@ def trajectory_table(
 ) -> pa.Table:
     """Return columns t_s, robot, q_0 ... q_k and node, robot after robot.
 
-    Where robots keep to limits of acceleration there are v_0 ... v_k and a_0 ... a_k besides. A
-    robot with fewer joints than another has nulls in the columns that it does not need.
+    If robots have limits of acceleration, there are also columns v_0 ... v_k and a_0 ... a_k. A robot with fewer joints
+    than another has nulls in the remaining columns.
 
     Args:
         trajectories: of the robots.
@@ -136,6 +136,6 @@ def write_motion(folder: Path, tpg: TemporalPlanGraph, run: ExecutionRecord) -> 
 
 
 def write_table(path: Path, table: pa.Table) -> None:
-    """Write a table as Parquet, whole or not at all."""
+    """Write a table as Parquet; an interrupted write leaves no partial file."""
     with replace_atomically(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")

@@ -1,7 +1,7 @@
 """Robots, fixtures and objects in a Rerun recording: shapes, poses and name labels.
 
-The label of a robot, with the name of the object that it holds, is shown at the base of the robot, since it would
-hide a part next to it. The name of an object at rest is shown when the pointer is over the object.
+The label of a robot also names the object that the robot holds. It is shown at the base of the robot, because a label
+at the gripper would hide the parts there. The name of an object at rest is shown when the pointer is over the object.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Camera of a Rerun recording, placed so that the whole site is in view."""
+"""Camera of a Rerun recording, placed so that the whole scene is in view."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 _TAN_HALF_VIEW = 0.5206  # tangent of half the vertical angle of view, 55 degrees
 _ASPECT = 1.75  # aspect ratio of the 3-D view in a typical window
 _MARGIN = 1.04
-"""Width of the view over that of the scene."""
+"""Ratio of the width of the view to that of the scene."""
 
 _MOST_CONFIGURATIONS = 60
-"""Configurations of each robot that are to be in the view, about."""
+"""Approximate number of configurations of each robot that are in view."""
 
 _LEAST_M = 0.3
-"""Least distance of the eye [m]."""
+"""Least distance of the camera from its target [m]."""
 
-_BESIDE = math.atan2(0.22, 1.05)
-_TURNS = np.radians(np.arange(-30.0, 31.0, 6.0))
-_SLOPE, _STEEP = 0.615, 0.75  # metres upwards for each along the ground
+_ARMS_TURN = math.atan2(0.22, 1.05)  # angle to the normal of the line of arms
+_SITE_TURNS = np.radians(np.arange(-30.0, 31.0, 6.0))  # angles tried at a site
+_ARMS_SLOPE, _SITE_SLOPE = 0.615, 0.75  # height per distance along the ground
 _CORNERS = 0.5 * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
 
 
 def camera(tpg: TemporalPlanGraph) -> rrb.EyeControls3D:
     """Return a camera that looks from above at all places of the run.
 
-    Arms are seen across their line, a site of mobile robots across the construction, from the side with
-    the nearest view.
+    Arms are seen at right angles to the line of their bases, a site of mobile robots at right angles to
+    the longest extent of the construction, from the side where the camera can be nearest.
     """
     points = site_points(tpg)
     views = [camera_looking_at(points, towards) for towards in _directions(tpg)]
@@ -81,7 +81,7 @@ def _outline(robot: PlacedRobot, q: Array) -> Array:
 
 
 def camera_looking_at(points: Array, towards: Array) -> tuple[Array, Array]:
-    """Return target and position of a camera so that points fill its picture.
+    """Return target and position of a camera so that some points fill its picture.
 
     Args:
         points: shape (p, 3) [m].
@@ -95,7 +95,7 @@ def camera_looking_at(points: Array, towards: Array) -> tuple[Array, Array]:
     tangents = np.array([_TAN_HALF_VIEW * _ASPECT, _TAN_HALF_VIEW]) / _MARGIN
     target: Array = 0.5 * (points.min(axis=0) + points.max(axis=0))
     away = _LEAST_M
-    for _ in range(8):  # settles to less than a pixel
+    for _ in range(8):  # converges to less than a pixel
         across_view = (points - target) @ across.T
         depth = (points - target) @ towards
         needed = np.max(depth[:, None] + np.abs(across_view) / tangents)
@@ -115,14 +115,15 @@ def _directions(tpg: TemporalPlanGraph) -> list[Array]:
     """Return suitable directions from the site to the camera, unit vectors."""
     if any(robot.model.is_mobile for robot in tpg.cell.robots):
         along = _main_axis([h.pose[:2, 3] for h in tpg.handlings if h.holder is None])
-        turns, rise = np.concatenate([_TURNS, _TURNS + math.pi]), _STEEP
+        turns = np.concatenate([_SITE_TURNS, _SITE_TURNS + math.pi])
+        slope = _SITE_SLOPE
     else:
         bases = [robot.base[:2, 3] for robot in tpg.cell.robots]
         line = bases[-1] - bases[0] if bases else np.zeros(2)
         along = math.atan2(line[1], line[0]) if np.linalg.norm(line) > 1e-6 else 0.0
-        turns, rise = np.array([_BESIDE]), _SLOPE
+        turns, slope = np.array([_ARMS_TURN]), _ARMS_SLOPE
     angles = along - math.pi / 2 + turns
-    towards = np.stack([np.cos(angles), np.sin(angles), np.full(len(angles), rise)])
+    towards = np.stack([np.cos(angles), np.sin(angles), np.full(len(angles), slope)])
     return list((towards / np.linalg.norm(towards, axis=0)).T)
 
 

@@ -11,6 +11,7 @@ from twin.rerun.viewer import TIMELINE
 
 WORLD_FRAME = "world"
 
+# Top-level entities of a recording; lanes are timelines of tasks.
 LANES = "lanes"
 PROGRESS = "progress"
 WAITING = "waiting"

@@ -1,4 +1,4 @@
-"""Event rows of a Rerun recording: each has a sentence for people, and columns for programs."""
+"""Event rows of a Rerun recording: each has a readable sentence, and columns for programs."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import rerun as rr
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.rerun import entities
 from twin.rerun.entities import time_column
-from twin.rerun.plan_words import PlanWords
+from twin.rerun.plan_descriptions import PlanDescriptions
 from twin.runs.events import Event
 
 LONG_WAIT_NS = NANOSECONDS // 2
-"""A shorter wait is no warning [ns]: robots that pass each other wait so all the time."""
+"""Least wait that is shown as a warning [ns]: shorter ones are common when robots pass each other."""
 
 _QUIET, _SHOWN, _WARNING, _ERROR = "DEBUG", "INFO", "WARN", "ERROR"
 _LEVELS = {
@@ -33,8 +33,8 @@ def long_waits(events: Sequence[Event], end_ns: int) -> dict[int, bool | None]:
     """Return for each wait event, by index, whether the wait is long.
 
     Args:
-        events: of a run, or a part of it.
-        end_ns: until when all is known [ns]; a wait that is short until then is None.
+        events: events of a run, or of a part of it.
+        end_ns: time up to which all events are known [ns]; None is returned for waits that are still short then.
     """
     found: dict[int, bool | None] = {}
     waiting: dict[str, list[int]] = {}
@@ -66,7 +66,12 @@ class EventBacklog:
         self._events.append((event, waits))
 
     def send(
-        self, rec: rr.RecordingStream, words: PlanWords, now_ns: int, *, ended: bool
+        self,
+        rec: rr.RecordingStream,
+        words: PlanDescriptions,
+        now_ns: int,
+        *,
+        ended: bool,
     ) -> None:
         """Write the events known at a time [ns], all once the run has ended."""
         long = long_waits([event for event, _ in self._events], now_ns)
@@ -115,14 +120,14 @@ def _column(values: Sequence[str] | Sequence[int]) -> pa.Array:
     return pa.ListArray.from_arrays(rows, pa.array(values))
 
 
-def _level(words: PlanWords, event: Event) -> str:
+def _level(words: PlanDescriptions, event: Event) -> str:
     """Return the log level of an event: lower for single nodes of a motion."""
     if event.kind in ("started", "completed"):
         return _SHOWN if words.is_skill(event.task) else _QUIET
     return _LEVELS.get(event.kind, _SHOWN)
 
 
-def _sentence(words: PlanWords, event: Event, *, taken: bool) -> str:
+def _sentence(words: PlanDescriptions, event: Event, *, taken: bool) -> str:
     if not event.robot:
         return f"run {event.kind}: {event.detail}"
     if taken:

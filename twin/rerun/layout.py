@@ -1,4 +1,4 @@
-"""Layout of the views of a Rerun recording: 3-D scene, a lane with the tasks of each robot, plots, and text."""
+"""Layout of the views of a Rerun recording: 3-D scene, a timeline of the tasks of each robot, plots, and text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writer of the 3-D recording ``run.rrd``: moving bodies, robot lanes, plots and event rows.
+"""Writer of the 3-D recording ``run.rrd``: moving bodies, task timelines of robots, plots and event rows.
 
 The recording is written in columns after the run, which is about a hundred times faster than row by row.
 """
@@ -30,7 +30,7 @@ from twin.rerun.bodies import (
 from twin.rerun.entities import entity_path, time_column
 from twin.rerun.event_rows import EventBacklog
 from twin.rerun.fingers import finger_motions, move_fingers
-from twin.rerun.plan_words import PlanWords
+from twin.rerun.plan_descriptions import PlanDescriptions
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.folder import RECORDING
@@ -84,7 +84,9 @@ def write_recording(
             make_active=False,
             make_default=True,
         )
-        words = PlanWords(with_barriers(tpg) if run.policy == "synchronous" else tpg)
+        words = PlanDescriptions(
+            with_barriers(tpg) if run.policy == "synchronous" else tpg
+        )
         colours = team_colours([robot.name for robot in tpg.cell.robots])
         draw_fixtures(rec, tpg.cell)
         placements = object_placements(tpg, run)
@@ -224,7 +226,7 @@ def log_lanes(
     tpg: TemporalPlanGraph,
     run: ExecutionRecord,
     events: Sequence[Event],
-    words: PlanWords,
+    words: PlanDescriptions,
 ) -> None:
     """Show the activities of each robot and processing machine as a lane, idle at the end."""
     activities = robot_activities(tpg, events)
@@ -251,7 +253,7 @@ def log_lanes(
 
 
 def describe_wait(
-    words: PlanWords, run: ExecutionRecord, chain: int, node: int, t_ns: int
+    words: PlanDescriptions, run: ExecutionRecord, chain: int, node: int, t_ns: int
 ) -> str:
     """Return which robots a node waited for at a time [ns], as text; empty for none."""
     if run.policy == "open-loop" or node < 0:
@@ -263,7 +265,9 @@ def describe_wait(
     return words.wait(chain, node, complete)
 
 
-def _text(words: PlanWords, run: ExecutionRecord, chain: int, item: Activity) -> str:
+def _text(
+    words: PlanDescriptions, run: ExecutionRecord, chain: int, item: Activity
+) -> str:
     waits = ""
     if item.state == WAITING:
         waits = describe_wait(words, run, chain, item.first, item.start_ns)

@@ -1,4 +1,4 @@
-"""Cubic Hermite interpolation of motions between rows of joint positions and speeds."""
+"""Cubic Hermite interpolation of motions that are given by joint positions and speeds at discrete times."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy.typing as npt
 from planning.transforms import Array
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 
-_SHORTEST_NS = 30_000
-"""Longest interval that is not subdivided: accelerations within it are linear up to rounding [ns]."""
+_UNDIVIDED_NS = 30_000
+"""Intervals up to this length are not subdivided, since accelerations within them are linear up to rounding [ns]."""
 
 
 def cubic_at(t: Array, q: Array, v: Array, times: Array) -> tuple[Array, Array, Array]:
@@ -57,7 +57,7 @@ def with_cubics(
         q, v, a: configurations, speeds and accelerations, shape (rows, n).
         bends: whether the path bends after each row but the last, shape (rows - 1,).
     """
-    k = np.flatnonzero(bends & (np.diff(t) > _SHORTEST_NS))
+    k = np.flatnonzero(bends & (np.diff(t) > _UNDIVIDED_NS))
     if not len(k):
         return t, q, v, a
     whole = t[k + 1] - t[k]

@@ -1,9 +1,9 @@
 """Motion of a robot within acceleration limits, computed from its commanded positions.
 
 A stretch is a straight segment of a joint-space path that begins and ends at rest. On it, the executed position is the
-moving average of the commanded positions over the preceding time ``lag``. Commanded positions are quadratic in time
-between their rows, so executed positions are cubic between those rows and copies of them shifted by ``lag``. The
-motion is therefore given by positions and speeds at these times.
+moving average of the commanded positions over the preceding time ``lag``. Commanded positions are piecewise quadratic
+in time, so executed positions are piecewise cubic. Their breakpoints are those of the commanded positions, and the
+same shifted by ``lag``. The motion is given by positions and speeds at these breakpoints.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Execution record of a run: outcome, node times and waits."""
+"""Execution record of a run: outcome, start and end times of nodes, and waits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Entry ``run`` of a manifest: data needed to conclude or resume a run."""
+"""Entry ``run`` of a manifest: data needed to finish or resume a run."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from twin.runs.policies import IN_TURNS
 
 @dataclass(frozen=True)
 class RunHeader:
-    """Entry ``run`` of a manifest: data needed to conclude or resume a run.
+    """Entry ``run`` of a manifest: data needed to finish or resume a run.
 
     Attributes:
-        recording: whether ``run.rrd`` is wanted.
+        recording: whether to write ``run.rrd``.
         audit: whether to audit the run; a name selects the collision engine.
         planning_s: wall-clock seconds of the planning stages.
         makespan_sequential_s: makespan of the plan in turns, one robot at a time and machines meanwhile [s].

@@ -1,6 +1,6 @@
-"""Names of policies in commands, tables and files.
+"""Names of execution policies in commands, tables and files.
 
-A policy combines a plan with a rule by which its nodes are released.
+A policy combines a plan with a rule for the release of its nodes.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from twin.registry import POLICIES
 if TYPE_CHECKING:
     from twin.runs.execution_record import Policy
 
+# Names of plans, described below.
 IN_TURNS = "in turns"
 SHORTENED = "shortened"
 IN_SLOTS = "in slots"

@@ -1,4 +1,4 @@
-"""Figures of a run: the content of ``summary.json``, and the table printed in the terminal."""
+"""Key figures of a run: the content of ``summary.json``, and the table printed in the terminal."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from twin.runs.windows import window_rows, window_summary
 _NO_AUDIT = {"key": "--no-audit", "check": "Whether what was executed is audited."}
 
 _UNKNOWN = RunHeader()
-"""Header of a run of which nothing was known before."""
+"""Header of a run whose planning is unknown."""
 
 _MOST_VIOLATIONS = 10
-"""Violations that are printed."""
+"""Largest number of violations that are printed."""
 
 _MILLIMETRES = {"contact": "deep", "jump": "far"}
-"""What the depth of a violation of a kind is; others have none, or say it in their sentence."""
+"""Word after the length of a violation, by kind; for other kinds no length is printed."""
 
 _STAGES = {
     "sequence": "which brick when",
@@ -63,11 +63,11 @@ def summarize_run(
 
     Args:
         tpg: the executed plan.
-        run: how.
-        scenario: its name.
-        header: header of the run. Where the makespan of the plan in turns is not, it is that of the
-            same nodes with the same durations, one robot at a time.
-        audit: engine, configurations, distances and violations, None when there was no audit.
+        run: its execution.
+        scenario: name of the scenario.
+        header: header of the run. If it has no makespan of sequential execution, that is computed
+            from the same nodes with the same durations, one robot at a time.
+        audit: findings of the audit, None if there was none.
         due_s: when each product is due, where there are several [s].
         start_up: products at the beginning that do not count for throughput and takt.
     """
@@ -129,7 +129,7 @@ def summarize_run(
 def _actuations(tpg: TemporalPlanGraph, run: ExecutionRecord) -> dict[str, Any]:
     """Return the counts and durations of tool actuations, by action.
 
-    What took no time is counted in the time of its whole skill.
+    An actuation without a time of its own is counted in ``within_skills``: its skill includes the time.
     """
     found: dict[str, dict[str, float]] = {}
     for k, nodes in enumerate(actuation_nodes(tpg)):
@@ -181,8 +181,8 @@ def print_summary(
 
     Args:
         summary: the content of ``summary.json``.
-        folder: of the run.
-        recording: whether there is one to replay.
+        folder: folder of the run.
+        recording: whether there is a recording to replay.
         compiled: whether kernels were compiled in the planning stages.
     """
     console = Console(highlight=False, markup=False, emoji=False)

@@ -19,8 +19,8 @@ class TrackingError(NamedTuple):
     """Largest tracking error of a robot.
 
     Attributes:
-        joint: a joint [rad or m].
-        tool_m: its tool from where it would be on the path [m].
+        joint: largest error of a joint [rad or m].
+        tool_m: largest distance of the tool from its position on the path [m].
     """
 
     joint: float

@@ -1,4 +1,4 @@
-"""Trajectories of robots and poses of objects, computed from the node times of a run."""
+"""Trajectories of robots and poses of objects, computed from the start and end times of the nodes of a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.runs.execution_record import ExecutionRecord, Measured, waypoint_offse
 
 @dataclass(frozen=True)
 class Trajectory:
-    """The motion of one robot: straight between its rows, or cubic in time where speeds are known.
+    """Motion of one robot: linear between its rows, or cubic in time if speeds are known.
 
     Attributes:
         robot: its name.

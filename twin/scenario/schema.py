@@ -16,7 +16,7 @@ def scenario_schema() -> dict[str, Any]:
 
 @cache
 def _schema(*_registered: tuple[str, ...]) -> dict[str, Any]:
-    """Return the schema of the present process, where other entries may be registered later."""
+    """Return the schema for the registered entries, which may change while the process runs."""
     schema = Scenario.model_json_schema(by_alias=True)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -1,6 +1,6 @@
 """Function ``twin.study``: many replications of a plan under uncertainty, with statistics.
 
-Function ``twin.compare`` is a study with one plan and one replication per seed, under every policy.
+``twin.compare`` (in compare.py) is a study with one plan and one replication per seed, under every policy.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ def study(
             does, of the plan that it executes.
         failures: with it, probability that an attempt at any skill fails, a fifth of which lose the
             object; for skills without a rate in the scenario.
-        workers: processes; 0 for none besides this one, None for one a core. A script that asks
+        workers: processes; 0 for none besides this one, None for one per core. A script that asks
             for some must be importable: its main code must be under ``if __name__ == "__main__":``.
         cluster: whose workers do it instead.
         out: folder for the results; by default ``logs/study-<scenario>-<UTC time>``.

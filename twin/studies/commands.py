@@ -1,7 +1,7 @@
 """Commands ``twin study`` and ``twin compare``: many runs of a scenario, with statistics.
 
-Replications are executed in ``twin.studies.replications.runner``. Confidence intervals of means, quantiles
-and shares are computed in ``twin.studies.replications.statistics``.
+Replications are executed in ``twin.studies.replications.runner``. Confidence intervals of means, quantiles and
+proportions are computed in ``twin.studies.replications.statistics``.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def study(
         int | None,
         typer.Option(
             min=0,
-            help="Worker processes; 0 computes in this process. Default: one a core.",
+            help="Worker processes; 0 computes in this process. Default: one per core.",
         ),
     ] = None,
     out: Annotated[

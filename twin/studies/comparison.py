@@ -1,7 +1,7 @@
 """Comparison of policies: a study with one plan and one replication per seed (APEX-MR V-A, Figs. 7 and 8).
 
-All policies of a seed share the assignment, the smoothed paths and the drawn skill durations. Each makespan is
-reported with two lower bounds: straight transits without waiting, and the longest path through the tasks.
+All policies of a seed share the assignment, the smoothed paths and the drawn skill durations. Two lower bounds are
+reported for each makespan: one for straight transits without waits, and one from the longest path of dependent tasks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Folder of a study: file names, the request of the study as a manifest, and tables of results."""
+"""Folder of a study: file names, a manifest with the request of the study, and tables of results."""
 
 from __future__ import annotations
 
@@ -143,8 +143,20 @@ def read_request(folder: Path) -> StudyRequest:
     """
     scenario, manifest = read_manifest(folder, "folder of a study")
     try:
-        study = manifest["study"]
         base = unchanged_base(folder, manifest, scenario)
+        return _request(scenario, base, manifest["study"])
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        path = folder / MANIFEST
+        raise OutputError(f"{path}: is no manifest of a study: {error}") from error
+
+
+def _request(scenario: Scenario, base: Path, study: Mapping[str, Any]) -> StudyRequest:
+    """Return the request of a study from its entry in the manifest.
+
+    Raises:
+        ValueError, KeyError, TypeError, OverflowError: the entry is damaged.
+    """
+    try:
         return StudyRequest(
             scenario,
             base,
@@ -158,9 +170,8 @@ def read_request(folder: Path) -> StudyRequest:
             ),
             bool(study.get("operated", False)),
         )
-    except (ValueError, KeyError, TypeError, OverflowError) as error:
-        path = folder / MANIFEST
-        raise OutputError(f"{path}: is no manifest of a study: {error}") from error
+    except RequestError as error:  # of values that no command writes
+        raise ValueError(error) from error
 
 
 def require_same_plans(folder: Path, hashes: Mapping[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""Plans of a study, for one or several layouts of the cell, and the workloads made from them."""
+"""Plans of a study for one or several cell layouts, and the workloads (simulation inputs) of its replications."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of products over the replications of a study: throughput, takt, lateness."""
+"""Key figures of the products of a production line over the replications of a study: throughput, takt, lateness."""
 
 from __future__ import annotations
 

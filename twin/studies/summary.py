@@ -1,4 +1,4 @@
-"""Figures of a study for ``summary.json``: makespans under each policy and variant of the inputs, and differences.
+"""Key figures of a study for ``summary.json``: makespans under each policy and variant of the inputs, and differences.
 
 Their confidence intervals are computed in ``twin.studies.replications.statistics``.
 """

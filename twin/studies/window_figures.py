@@ -1,4 +1,4 @@
-"""Figures of windows of time between steps, over the replications of a study."""
+"""Statistics of the time windows between steps, over the replications of a study."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.runs.execution_record import ExecutionRecord
 
 _START_UP = 0.1
-"""Default share of products in the start-up, not counted for throughput and takt."""
+"""Default fraction of products in the start-up phase, which throughput and takt exclude."""
 
 
 @dataclass(frozen=True)

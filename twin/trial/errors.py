@@ -6,14 +6,14 @@ from planning.errors import TwinError
 
 
 class IncompleteRunError(TwinError):
-    """A run could not write all of its files; those written are incomplete."""
+    """Some files of a run could not be written, so its folder is incomplete."""
 
 
 class ResumeError(TwinError):
     """A run cannot be resumed, or it differs from its log.
 
     Attributes:
-        row: number of the first row of the log that differs, from 1; None where it is none.
+        row: number of the first row of the log that differs, from 1; None if no row differs.
     """
 
     def __init__(self, message: str, *, row: int | None = None) -> None:

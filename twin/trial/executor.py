@@ -1,4 +1,4 @@
-"""Interface of executors of a plan, and the executor in simulation; extensions register further ones."""
+"""Interface of executors of a plan, and the executor for simulation; extensions can register further executors."""
 
 from __future__ import annotations
 

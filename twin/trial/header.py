@@ -1,4 +1,4 @@
-"""Header of a run for its manifest, and summary figures of the finished run."""
+"""Entry ``run`` of the manifest of a run, and summary figures of the finished run."""
 
 from __future__ import annotations
 

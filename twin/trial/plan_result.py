@@ -1,4 +1,4 @@
-"""Plan of a scenario, newly made or read from a folder."""
+"""Plan of a scenario, newly computed or read from a folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Moment of a run: its folder and a time."""
+"""Point in time of a run, given by the folder of the run and a time."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from twin.trial.run_result import RunResult, read_run
 
 @dataclass(frozen=True)
 class RunMoment:
-    """A time of a run.
+    """Point in time of a run.
 
     Attributes:
-        run: the run.
+        run: result of the run.
         t_s: time since its start [s].
     """
 

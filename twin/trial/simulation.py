@@ -1,4 +1,4 @@
-"""Simulation of plans: the execution model of a scenario, and one run with it."""
+"""Simulation of a plan: the execution model (durations, policy, disturbances), and one execution with it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.engine.model_holds import with_model_holds
-from twin.planning.place_misses import place_misses
+from twin.planning.miss_probabilities import miss_probabilities
 from twin.recorders.observers import Recorder
 from twin.runs.execution_record import ExecutionRecord, Policy
 from twin.scenario.sections.kind import assembly_kind
@@ -28,7 +28,7 @@ def scenario_execution(
     Args:
         scenario: durations, disturbances, messages and policy are taken from it.
         base: where relative paths of the scenario start.
-        policy: in place of the scenario's.
+        policy: policy in place of the scenario's.
         antithetic: draw replications in mirrored pairs, see SkillDurations.
 
     Raises:
@@ -37,7 +37,7 @@ def scenario_execution(
     execution = scenario.execution
     robots = tuple(robot.name for robot in scenario.cell.robots)
     disturbances = execution.disturbances(robots, base)
-    misses = place_misses(scenario, base)
+    misses = miss_probabilities(scenario, base)
     return ExecutionModel(
         durations=skill_durations(scenario, base, antithetic=antithetic),
         policy=policy or execution.policy,

@@ -1,6 +1,6 @@
 """Random motion times, standstills and failures of one robot in many replications.
 
-Draws are keyed by the tasks of the robot, so a task gets the same draws whatever the order of events. Rare events are
+Random numbers depend on the task, so a task gets the same random numbers whatever the order of events. Rare events are
 stored as a list of (node, replication) entries instead of dense arrays.
 """
 

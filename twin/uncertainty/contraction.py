@@ -1,7 +1,8 @@
 """Contraction of chains: consecutive nodes of a robot are joined if this changes no start or end time.
 
-A node without type-2 predecessors after a node without type-2 successors starts as soon as its predecessor is
-complete, for any queue depth, if messages take no time. It can then be simulated together with its predecessor.
+A type-2 edge is a dependency between nodes of two robots. If a node has no type-2 predecessor and the node before it
+has no type-2 successor, it starts as soon as the node before it is complete, for any queue depth, if messages take no
+time. The two nodes can then be simulated as one.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from planning.bounds import LONGEST_S
 from planning.cell.workcell import PlacedRobot, PoseError, Workcell
-from twin.document.section import Name, Section, Two
+from twin.document.section import Name, PairOf, Section
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.composed import AnyDuration
 from twin.durations.lognormal import Lognormal
@@ -118,7 +118,7 @@ class Stalls(Section):
     """
 
     count_per_robot: Annotated[int, Field(ge=0, le=100_000)] = 0
-    duration_s: Two[Annotated[float, Field(ge=0, le=1e9)]] = (1.0, 20.0)
+    duration_s: PairOf[Annotated[float, Field(ge=0, le=1e9)]] = (1.0, 20.0)
     rate_per_h: Annotated[float, Field(ge=0, le=36_000)] = 0.0
     duration: AnyDuration | None = None
 

@@ -16,8 +16,9 @@ _ROUNDING = 1e-9
 def least_seconds(chain: NodeChain, model: RobotModel | None) -> Array:
     """Return the least duration of every node that joint speeds allow, shape (nodes,) [s].
 
-    The time of a node is split between waypoints by its fractions; the fastest segment for its length
-    decides. Chains without paths store it; it is 0 where neither they nor a model give it.
+    The fractions of a node give the share of its duration for each path segment. The segment with the highest joint
+    speed, relative to its limit, determines the least duration. Chains without paths store least durations. Without
+    stored values and without a model, they are 0.
     """
     if len(chain.least):
         return chain.least

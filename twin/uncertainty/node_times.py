@@ -1,8 +1,8 @@
 """Durations and standstills of all nodes in a replication, drawn before the run begins.
 
-Speeds of motions, jitter, stalls, breakdowns by busy time and failed attempts at skills do not depend on events of the
-run. Stops at clock times are given as intervals. The event engine and the bulk engine, which computes many
-replications at once, use the same draws.
+Speeds of motions, jitter, stalls, breakdowns after a busy time and failed attempts at skills do not depend on events of
+the run. Stops at given clock times are given as time intervals. The event engine and the bulk engine, which computes
+many replications at once, use the same draws.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _MOST_VALUES = 4_000_000
 class Standstill:
     """Standstill of a robot between the start of a node and its motion.
 
-    Where in a node it stands makes no difference to the others: they wait for whole nodes.
+    Its position within the node does not affect other robots, which wait for whole nodes.
 
     Attributes:
         node: index of the robot's node.
@@ -50,14 +50,15 @@ class Standstill:
 
 @dataclass(frozen=True)
 class NodeTimes:
-    """Times of every node in one replication, one entry a chain.
+    """Times of every node in one replication, one entry for each chain.
 
     Attributes:
         motion: duration of each node without standstills, shape (nodes,) [ns].
         stood: total standstill of each node, shape (nodes,) [ns].
         standstills: the standstills in ``stood``, by node and in time order.
-        failed: the first node whose task fails for good, -1 for none. It never moves and is
-            never complete: it has failed when its standstills are over.
+        failed: the first node whose task fails for good, -1 for none. It never moves and is never complete.
+            After its standstills, ``SimulatedRobots.perform`` reports the failure to ``Execution``, whose
+            replanner recovers from it.
         stops: stops at times of the run's clock, None without any.
         raised: skills that were drawn shorter than their joints' speed limits allow.
         lost: chains of which the task that fails for good loses its object.

@@ -1,4 +1,4 @@
-"""Skill durations: the duration model of each skill of a plan, and draws for many replications."""
+"""Skill durations: the duration model of each skill of a plan, and random durations for many replications."""
 
 from __future__ import annotations
 

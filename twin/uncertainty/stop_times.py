@@ -1,8 +1,8 @@
-"""Stops of robots at clock times of the run: emergency stops, and breakdowns at clock times.
+"""Stops of robots at given times of a run, whatever the robots do then: emergency stops and breakdowns.
 
-Stops do not depend on the events of a run, so they are given as intervals. A stop may begin within a node; the robot
-stands still there and afterwards continues from the same point. At the instant at which a stop begins, the robot has
-no other event.
+Stops do not depend on the events of a run, so they are given as time intervals. If a stop begins within a node, the
+robot stands still and afterwards continues from the same point. An event of the robot that is due exactly when a stop
+begins occurs when the stop ends.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from twin.durations.nanoseconds import NANOSECONDS
 from twin.uncertainty.stop_times import NEVER
 
 NextStop = Callable[[int], tuple[int, int]]
-"""Returns begin and end of the first stop that ends after a given time; all times in nanoseconds."""
+"""Function that returns the begin and end of the first stop that ends after a given time [ns]."""
 
 
 def stops_of(intervals: Sequence[tuple[int, int]]) -> NextStop:

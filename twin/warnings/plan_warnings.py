@@ -1,4 +1,4 @@
-"""Warnings about a plan before its execution: stalls, time windows, overloaded joints and speeds."""
+"""Warnings about a plan before its execution: stalls, time windows, joint efforts and speeds that are not feasible."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Warnings about speed factors above 1 that robots cannot reach.
 
-Each warning gives the factor that is reached, and the joints that limit it.
+A speed factor multiplies the planned speed. Each warning gives the reached factor and the joints that limit it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Collision checks in space-time against all planned motion."""
+"""Collision checks of a robot in space-time, against the planned motions of all robots and objects."""
 
 from __future__ import annotations
 
@@ -34,23 +34,22 @@ from planning.transforms import Array
 class SpaceTimeChecker:
     """Continuous checks of one robot in space-time.
 
-    All other robots follow their timelines, and so do objects. What is found free can become
-    nodes of a temporal plan graph with all its guarantees, see ``export_motion_plan``.
+    All other robots follow their timelines, and so do objects. Motions that pass the checks can become nodes of a
+    temporal plan graph with all its guarantees, see ``export_motion_plan``.
 
     Args:
         world: everything planned so far.
         robot: the moving robot, from the end of its timeline on.
-        held: objects held from then on, name to attachment; what ``world`` says
-            of the robot where not given.
+        held: objects that it holds from then on, name to attachment; by default those of ``world``.
         allowed: unordered pairs of entities that may touch.
-        without: names of robots that are not looked at.
+        without: names of robots that are not checked.
 
     Attributes:
         robot: the moving robot.
         start: start time of its motion [s].
         model: of the robot.
         home: configuration of HOME, shape (n,).
-        scene: all of it for compiled code.
+        scene: the same data for compiled code.
     """
 
     def __init__(
@@ -80,7 +79,7 @@ class SpaceTimeChecker:
             if other.name not in (robot, *without)
         ]
         carriers, tracks = world.swept.joined(start, others, cell.object)
-        # The scene does not keep them alive.
+        # The scene holds no references to them, so this attribute keeps them alive.
         self._carriers = [mover, *carriers]
         numbers = cell_entities(cell)
         boxes, times = _still_boxes(world, held, start)
@@ -110,7 +109,7 @@ class SpaceTimeChecker:
     def motion_free(self, q0: Array, t0: float, q1: Array, t1: float) -> bool:
         """Tell whether the whole straight motion from (q0, t0) to (q1, t1) is free.
 
-        Speeds are not looked at.
+        Speeds are not checked.
         """
         return bool(is_motion_clear(self.scene, _c(q0), float(t0), _c(q1), float(t1)))
 
@@ -119,7 +118,7 @@ class SpaceTimeChecker:
 
         Args:
             path: what the robot does, straight from waypoint to waypoint, shape (w, n); one
-                waypoint for a stand.
+                waypoint where it stands still.
             start, end: the span [s].
         """
         return all(

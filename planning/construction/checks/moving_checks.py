@@ -1,8 +1,9 @@
-"""Collision checks against moving robots, compiled.
+"""Collision checks against moving robots, in compiled code.
 
-A motion is cut at the borders of the time cells: in each cell the swept volume of its whole stretch must be
-clear of the swept volumes of all other robots in the cell; where that fails, the cell is bisected a few
-times. Motions that pass can therefore become nodes of a temporal plan graph, see ``export_motion_plan``.
+Time is divided into intervals of equal length, the time cells. In each of them, the volume that the motion sweeps must
+be clear of the volumes that all other robots sweep in the same time cell. Otherwise the time cell is bisected, up to a
+fixed depth. Two motions of the same time cell are then clear of each other at any delay within it, so they can become
+nodes of a temporal plan graph (see ``export_motion_plan``).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from planning.packed import ROW, SharedKernel
 from planning.transforms import Array
 
 _PROBE = 0.4
-"""Places on motions longer than this are looked at first [s, rad or m]."""
+"""On motions longer than this, single configurations are checked first [s, rad or m]."""
 
 _MOTION = ROW, float64, ROW, float64
 
@@ -40,8 +41,8 @@ def _first_meeting(
 
     Args:
         scene: the scene.
-        q0, t0: where it begins, and when, shape (n,).
-        q1, t1: where it ends, and when.
+        q0, t0: configuration and time of its start, shape (n,).
+        q1, t1: configuration and time of its end.
     """
     near, stack = scene.near, scene.stack
     sweep_stretch(scene, q0, t0, q1, t1, t0, t1)
@@ -157,7 +158,7 @@ def _clip(
 ) -> bool:
     """Clip a piece of a carrier's motion to a time span; tell whether only a part of it is inside.
 
-    Then that is swept, too.
+    If so, the swept volume of that part is computed.
     """
     pieces = scene.tracks.pieces
     start, end = pieces.start[piece], pieces.end[piece]
@@ -185,7 +186,7 @@ def first_conflict_time(
 ) -> float:
     """Return when a motion first collides with other robots, infinity for never [s].
 
-    Some places on it are looked at first, so it need not be the first such time.
+    Three configurations are checked before the whole motion, so the result need not be the first collision.
     """
     q = np.empty_like(q0)
     if needs_probing(q0, t0, q1, t1):
@@ -204,9 +205,9 @@ def earliest_free_time(scene: MoverScene, q: Array, t: float, latest: float) -> 
 
     Args:
         scene: the scene.
-        q: the place, shape (n,).
-        t: no earlier time is looked at [s].
-        latest: nor a later one: some time after it may be returned though it is not free [s].
+        q: the configuration, shape (n,).
+        t: first time to check [s].
+        latest: last time to check; a returned time after it may not be clear [s].
     """
     sweep_stretch(scene, q, t, q, t, t, t)
     around, widest, tracks = scene.own.sweeps.box, scene.widest, scene.tracks

@@ -1,4 +1,4 @@
-"""Scenes for compiled code: a moving robot and all obstacles that it may meet over time."""
+"""Scene of collision checks in compiled code: a robot, and all its static and moving obstacles."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from planning.packed import SharedKernel, packed
 from planning.transforms import Array, Indices
 
 HALVINGS = 3
-"""How often a cell of time may be halved where robots are close."""
+"""Greatest number of times that a cell of time is halved when robots are close."""
 
 
 class StillBoxes(NamedTuple):
     """Boxes of fixtures and of objects at rest.
 
     Attributes:
-        pose, half: of each, shapes (b, 4, 4), (b, 3).
-        bounds: least and greatest corner, shape (b, 6).
-        start, end: when it is there, shape (b,) [s].
-        hulls: the bodies.
+        pose, half: pose and half edge lengths of each box, shapes (b, 4, 4) and (b, 3) [m].
+        bounds: least and greatest coordinates of each box, shape (b, 6) [m].
+        start, end: times between which the box is there, shape (b,) [s].
+        hulls: hulls of the bodies in the boxes.
     """
 
     pose: Array
@@ -48,12 +48,12 @@ class StillBoxes(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Least distances of own bodies [m], SKIP where a pair is not checked.
+    """Least distances of own bodies [m], SKIP for pairs that are not checked.
 
     Attributes:
-        boxes: to boxes, shape (o, b).
-        entities: of two robots' bodies by entity, shape (entities, entities).
-        own: to each other, upper triangle, shape (o, o).
+        boxes: between own bodies and boxes, shape (o, b).
+        entities: between bodies of two robots, by entity, shape (entities, entities).
+        own: between own bodies, upper triangle, shape (o, o).
     """
 
     boxes: Array
@@ -65,10 +65,10 @@ class Checks(NamedTuple):
     """Checks of a motion, each compiled once and shared by all callers.
 
     Attributes:
-        still: whether it is clear of static obstacles and of itself.
-        meeting: up to when is it clear of robots that move?
-        configuration: is the robot clear of all at one instant?
-        motion: is all of it clear of all?
+        still: whether the motion is clear of static obstacles, and the robot of itself.
+        meeting: time up to which the motion is clear of moving robots.
+        configuration: whether the robot is clear of everything at one instant.
+        motion: whether the whole motion is clear of everything.
     """
 
     still: SharedKernel
@@ -81,23 +81,23 @@ class MoverScene(NamedTuple):
     """A moving robot, its obstacles, and work arrays; one for each thread.
 
     Attributes:
-        own: its bodies, with what it holds, on the stretch on which they were swept last.
-        ends: room for the ends of a stretch, shape (2, n).
-        above: own bodies on the stretch as it is seen from a joint.
+        own: bodies of the robot and of the objects that it holds, swept along the last checked stretch.
+        ends: work array for the ends of a stretch, shape (2, n).
+        above: own bodies on the stretch, relative to a joint.
         fleet: the robot, then all other carriers.
-        entity: number by which limits speak of a body, shape (bodies,).
+        entity: entity number of each body, which is an index of ``limits.entities``, shape (bodies,).
         tracks: the other robots.
         boxes: boxes of static obstacles.
         limits: least distances.
-        step: cells of time begin at multiples of this [s].
-        halvings: how often a cell may be halved where robots are close.
+        step: length of a cell of time [s].
+        halvings: greatest number of times that a cell is halved when robots are close.
         widest: greatest of all least distances [m].
-        other, other_room: what another carrier sweeps, as one piece, and room for that.
-        near: tracks or boxes near a motion.
-        pairs: pairs of bodies near each other.
-        counting: 0, 1, 2, ...
-        stack: stretches to be looked at, shape (256, 3).
-        scratch: to compare hulls in.
+        other, other_room: volume swept by another carrier, and work arrays for it.
+        near: work array for tracks or boxes near a motion.
+        pairs: work array for pairs of bodies near each other.
+        counting: the numbers 0, 1, 2, ...
+        stack: stretches still to be checked, shape (256, 3).
+        scratch: work arrays for distances between hulls.
         still, meeting, configuration, motion: see Checks.
     """
 
@@ -136,12 +136,12 @@ def make_scene(
     """Return a scene. The carriers must outlive it.
 
     Args:
-        carriers: the robot that moves, then those of the tracks.
-        numbers: of all entities.
+        carriers: the moving robot, then those of the tracks.
+        numbers: entity numbers by name.
         tracks: the other robots.
         boxes: boxes of static obstacles.
         limits: least distances.
-        checks: that others ask for.
+        checks: compiled checks that other kernels call.
     """
     hulls = [carrier.hulls for carrier in carriers]
     most = max(h.q_a.shape[1] for h in hulls)
@@ -149,7 +149,7 @@ def make_scene(
     capsules = max(len(h.radius) for h in hulls)
     corners = max(h.most_corners for h in [*hulls, boxes.hulls])
     own = make_swept(hulls[0])
-    own.hulls.q_a[:] = np.nan  # swept nowhere yet
+    own.hulls.q_a[:] = np.nan  # no stretch swept yet
     pairs = len(hulls[0].joint) * max(bodies, len(boxes.pose))
     return packed(
         MoverScene(

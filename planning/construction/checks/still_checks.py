@@ -1,6 +1,7 @@
-"""Collision checks against static obstacles, and of robots with themselves, compiled.
+"""Collision checks against static obstacles, and self-collision checks, in compiled code.
 
-Capsules propose pairs of bodies, hulls decide. A motion is halved until either is clear.
+Capsules select the pairs of bodies that may collide. Only for these pairs convex hulls are compared. A motion is
+bisected until each part of it is classified.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from planning.packed import ROW, SharedKernel
 from planning.transforms import Array
 
 _CLEAR, _SPLIT, _BLOCKED = 0, 1, 2
-"""Answers: a shorter stretch must be looked at where it is _SPLIT."""
+"""Results of a check of a stretch; _SPLIT means undecided, so its halves are checked."""
 
 _RESOLUTION = 0.06
-"""Stretches that move no capsule further than this go to the hulls [m]."""
+"""Hulls are compared on a stretch only if no capsule moves further than this [m]."""
 
 _FINEST = 1e-3
-"""Own bodies that are not proved apart when they stray less than this touch [m]."""
+"""Own bodies count as touching if they are not proved apart on a stretch on which they move less than this [m]."""
 
 
 def _still_clear(
@@ -38,9 +39,9 @@ def _still_clear(
 
     Args:
         scene: the scene.
-        q0, t0: where it begins, and when, shape (n,).
-        q1, t1: where it ends, and when.
-        leeway: what lies there so long before or after a bit of it counts, too [s].
+        q0, t0: configuration and time of its start, shape (n,).
+        q1, t1: configuration and time of its end.
+        leeway: an obstacle that is present up to this long before or after a part of the motion counts, too [s].
     """
     sweep_stretch(scene, q0, t0, q1, t1, t0, t1)
     around, bounds, near = scene.own.sweeps.box, scene.boxes.bounds, scene.near
@@ -88,7 +89,7 @@ def is_clear_of_still_objects(
 
 @inner_kernel
 def _meet_boxes(scene: MoverScene, boxes: int, lo: float, hi: float) -> int:
-    """Check the swept robot against those first boxes of ``near`` that are present in a time span."""
+    """Check the swept robot against the first ``boxes`` entries of ``near`` present in a time span."""
     near, pairs, limits = scene.near, scene.pairs, scene.limits.boxes
     own, counting = scene.own, scene.counting
     around, own_box, widest = own.sweeps.box, own.sweeps.body_box, scene.widest

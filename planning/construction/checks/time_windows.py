@@ -1,6 +1,7 @@
-"""Time windows in which a robot can arrive and finish a skill, from free time cells.
+"""Time windows in which a robot can arrive at the start of a skill and finish it without collisions.
 
-A motion is swept once; each obstacle near it blocks the time cells of its presence.
+Time is divided into cells of ``STEP`` seconds. The swept volume of the skill is computed once. A time cell is blocked
+if a moving obstacle overlaps that volume in it.
 """
 
 from __future__ import annotations
@@ -21,21 +22,21 @@ from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array
 
 Part = tuple[SpaceTimeChecker, Array]
-"""A piece of a skill: the checker that knows what is held, and the path, shape (w, n)."""
+"""A piece of a skill: the checker for what is held in it, and the path, shape (w, n)."""
 
 
 def arrival_windows(
     parts: Sequence[Part], duration: float, earliest: float, latest: float = np.inf
 ) -> Array:
-    """Return the windows of arrival times after which a skill, or a stay, is free.
+    """Return the windows of arrival times after which a skill, or a stay, is free of collisions.
 
-    All parts of the skill must be clear of everything during all of its duration.
+    For all of the skill's duration, all its parts must be free of collisions.
 
     Args:
         parts: of the skill, such as the way to a part with an empty hand and the retreat
-            with it; one path of one waypoint for a stand.
+            with it; for a stay, one path of one waypoint.
         duration: of the skill; infinity to stay for good [s].
-        earliest, latest: times of arrival to look at [s].
+        earliest, latest: first and last arrival time to consider [s].
 
     Returns:
         Spans in order, shape (w, 2); the last one may have no end.
@@ -67,20 +68,20 @@ def mark_blocked_cells(
     first: int,
     free: npt.NDArray[np.bool_],
 ) -> None:
-    """Mark the time cells in which a motion is blocked anywhere in the cell.
+    """Mark the time cells in which an obstacle meets the swept volume of a motion.
 
     Args:
-        scene: what must be kept clear of.
-        q0, q1: ends of the motion, shape (n,); equal for a stand.
-        first: number of the first cell.
-        free: shape (cells,); False is written where the motion is not clear.
+        scene: the obstacles.
+        q0, q1: ends of the motion, shape (n,); equal for a stay.
+        first: number of the first time cell.
+        free: shape (cells,); set to False where the motion is blocked.
     """
     cells, step = len(free), scene.step
     begin, finish = first * step, (first + cells) * step
     clear = is_clear_of_still_objects(scene, q0, begin, q1, finish, finish - begin)
     k = cells * int(clear)
     while k < cells:
-        # Until something comes to lie there or is taken away, one cell is like another.
+        # All cells are alike until a static obstacle appears or is removed.
         same = _unchanged(scene, first + k, first + cells, step) - first
         lo, hi = (first + k) * step, (first + same) * step
         if not is_clear_of_still_objects(scene, q0, lo, q1, hi, hi - lo):
@@ -114,7 +115,7 @@ def _unchanged(scene: MoverScene, cell: int, last: int, step: float) -> int:
     for b in range(len(start)):
         for t in (start[b], end[b]):
             if lo < t < until:
-                # A cell in which that happens is one of its own.
+                # The cell in which an obstacle appears or is removed is checked on its own.
                 k = int(np.floor(t / step))
                 k -= int(k * step > t)
                 until = max(k, cell + 1) * step

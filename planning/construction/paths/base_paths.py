@@ -1,8 +1,7 @@
-"""Paths of a mobile base around obstacles on the floor, compiled: hints for a roadmap.
+"""Paths of a mobile base around obstacles on the floor, as waypoints for a roadmap, in compiled code.
 
-Parts that wait on the floor make it a labyrinth for a mobile base, and few random configurations
-fall into the gaps between them. So the base is planned alone first: A* on a lattice of places, with
-the arm in the posture of HOME. Robots that move are left to the roadmap, which knows when to wait.
+Parts on the floor leave narrow gaps, in which few random configurations lie. So a path of the base is planned first, by
+A* on a lattice of positions, with the arm at HOME. Moving robots are ignored: the roadmap also plans waits for them.
 """
 
 from __future__ import annotations
@@ -49,15 +48,14 @@ def base_path(scene: MoverScene, query: Query, goal: int, most: int) -> Array:
     """Return the corners of a path to a goal, clear of static obstacles.
 
     Args:
-        scene: what must be kept clear of. The robot drives with its first three joints: x, y
-            and a turn.
+        scene: the robot and its obstacles. The first three joints of the robot are its base: x, y and a rotation.
         query: the query.
-        goal: which goal is driven to.
-        most: steps on the lattice that are looked at, at most.
+        goal: index of the goal.
+        most: greatest number of lattice steps that are checked.
 
     Returns:
-        Configurations, shape (w, n), none where no way is known. The first is the start, the last
-        the goal but for the arm, which is at HOME: both are free to touch something.
+        Configurations, shape (w, n), none if no path is found. The first one is the start, the last one the goal
+        with the arm at HOME; both may be in contact with obstacles.
     """
     lattice = lay_lattice(query, goal, SPACING)
     path, times = lattice_path(scene, query, goal, lattice, most)
@@ -121,7 +119,7 @@ def lattice_path(
         goal: which goal is driven to.
         lattice: the places. The first and the last need not be clear, nor the steps from and to
             them.
-        most: steps that are looked at, at most.
+        most: greatest number of steps.
 
     Returns:
         Configurations and times of arrival there, shapes (w, n) and (w,), empty where there is

@@ -1,9 +1,8 @@
-"""The bi-directional space-time RRT, compiled (Hartmann et al. IV-C).
+"""Bidirectional space-time RRT, in compiled code (Hartmann et al. IV-C).
 
-Two forests grow in space-time: one from where the robot is, forwards in time, and one from
-goals at sampled arrival times, backwards. A motion from (q, t) to (q', t') is possible where
-t < t' and no joint must go faster than it can; its length is eq. (5), with the time that the
-slowest joint needs as the distance of configurations.
+Two forests grow in space-time: one from the start of the robot, forwards in time, and one from goals at sampled
+arrival times, backwards. A motion from (q, t) to (q', t') is possible if t < t' and no joint exceeds its speed limit.
+Its length is that of eq. (5) of the paper. The distance of two configurations is the travel time of the slowest joint.
 """
 
 from __future__ import annotations

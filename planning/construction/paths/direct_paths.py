@@ -1,8 +1,8 @@
-"""Paths that need no search, compiled: straight ones, and ones that bend towards HOME.
+"""Paths without a search: straight, or with the arm near HOME on the way, in compiled code.
 
-While a mobile robot drives, its arm has time to spare: it may move towards the posture of HOME as far as
-speeds allow without a later arrival. The base may also wait until the arm is up, or until it is down again.
-Paths that are clear of static obstacles are retimed by waits.
+While the base of a mobile robot drives, its arm may move towards HOME and back, if this does not delay the arrival.
+The base may also wait for the arm at both ends. Waits are added to paths that are clear of static obstacles, so that
+they avoid moving robots.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from planning.kernels import argsort_few, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
 _PLACES = 8
-"""Waypoints of a path, at most."""
+"""Greatest number of waypoints of a path."""
 
 
 @kernel
@@ -27,9 +27,9 @@ def direct_paths(
     """Find paths that are clear of static obstacles, earliest arrivals first.
 
     Args:
-        scene: what must be kept clear of.
+        scene: the robot and its obstacles.
         query: the query.
-        latest: no later arrival is looked at [s].
+        latest: latest arrival of the paths [s].
         most: greatest number of paths; the first one that is clear of everything ends the search.
         shares: of the arm's time for which a robot may stand, from none to all of it; 0 for
             straight paths only.

@@ -1,10 +1,10 @@
-"""Safe-interval path planning over a roadmap, compiled: which edges, and where and when to wait.
+"""Safe-interval path planning over a roadmap, in compiled code: motions along edges, and waits at vertices.
 
-Vertices are configurations, each with its safe intervals: the time spans in which the robot may stand
-there. The search expands intervals in order of earliest arrival (safe-interval path planning), and checks a
-motion only once no other candidate promises an earlier arrival. A motion blocked by a robot is queued again
-for the time when that robot has left. It finds paths that a space-time tree rarely finds: any wait at any
-vertex.
+Vertices are configurations. Each has safe intervals: time spans in which the robot can stay there without collision.
+The search expands intervals in the order of earliest arrival. A motion is checked for collisions only when no other
+candidate promises an earlier arrival. If a robot blocks a motion, the motion is queued again for the time when that
+robot has left. Waits of any length are possible at every vertex, so the search finds paths that a space-time RRT
+rarely finds.
 """
 
 from __future__ import annotations

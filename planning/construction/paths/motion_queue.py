@@ -1,4 +1,4 @@
-"""Priority queue of motions over a roadmap, as a heap, compiled."""
+"""Priority queue of candidate motions along the edges of a roadmap: a heap in compiled code."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 MOST = 40_000
-"""Motions that may wait."""
+"""Capacity of the queue: greatest number of motions."""
 
 
 class Motions(NamedTuple):

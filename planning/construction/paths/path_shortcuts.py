@@ -1,6 +1,6 @@
-"""Shortcuts of paths through space-time: less joint travel, same ends and times (Hartmann et al. IV-C).
+"""Shortcuts of space-time paths: less joint travel between the same start and end (Hartmann et al. IV-C).
 
-Only the robot's own motion changes, checked against the fixed timelines.
+Only the path of one robot changes. It is checked against the planned motions of all other robots.
 """
 
 from __future__ import annotations

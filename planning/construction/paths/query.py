@@ -1,4 +1,4 @@
-"""Space-time queries and the paths that answer them, with bounds and random samples, compiled."""
+"""Queries and results of the space-time path planner, with arrival times and random numbers in compiled code."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ _TINY = 1e-9
 
 
 class Query(NamedTuple):
-    """A query: from a start to one of several goals within their time windows.
+    """A query for a path from a start to one of several goals within their time windows.
 
     Attributes:
-        start: where the robot is, shape (n,).
-        begin: when it is free to move [s].
-        lower, upper, velocity: of the joints, shape (n,).
-        goals: configurations any of which will do, shape (g, n).
+        start: start configuration, shape (n,).
+        begin: earliest time of departure [s].
+        lower, upper, velocity: limits of the joints, shape (n,).
+        goals: alternative goal configurations, shape (g, n).
         window_first: windows of goal k are ``range(window_first[k], window_first[k + 1])``.
-        windows: spans of time of arrival, in order, shape (w, 2) [s].
-        rest: posture of HOME, shape (n,).
-        leans: True for joints that keep to that posture where they have time for it, False for
-            those that drive, shape (n,).
+        windows: time windows of arrival, in order, shape (w, 2) [s].
+        rest: configuration HOME, shape (n,).
+        leans: True for joints that prefer their position at HOME if they have time for it, False for joints
+            of a mobile base, shape (n,).
     """
 
     start: Array
@@ -46,10 +46,10 @@ class SpaceTimePath:
     """A collision-free path through space-time.
 
     Attributes:
-        time: of the waypoints, rising, shape (w,) [s].
-        path: waypoints, straight in between, shape (w, n).
-        goal: which goal it leads to.
-        earliest: no path to any goal arrives before [s].
+        time: increasing times of the waypoints, shape (w,) [s].
+        path: waypoints of straight motions, shape (w, n).
+        goal: index of the reached goal.
+        earliest: lower bound on the arrival at any goal [s].
     """
 
     time: Array
@@ -100,7 +100,7 @@ def tree_branch(parent: Indices, last: int) -> Indices:
 
 @inner_kernel
 def random_uniform(state: npt.NDArray[np.uint64]) -> float:
-    """Return the next random number in [0, 1): splitmix64, so that a seed means one sequence."""
+    """Return the next random number in [0, 1): splitmix64, whose sequence depends only on the seed."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
     z = state[0]
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -112,7 +112,7 @@ def random_uniform(state: npt.NDArray[np.uint64]) -> float:
 
 @inner_kernel
 def random_normal(state: npt.NDArray[np.uint64]) -> float:
-    """Return a random number that is nearly normal: the sum of a few uniform ones."""
+    """Return an approximately normal random number: a sum of a few uniform ones."""
     total = -3.0
     for _ in range(6):
         total += random_uniform(state)
@@ -129,7 +129,7 @@ def draw_between(
 ) -> float:
     """Draw a configuration and time reachable from the start and towards a goal; return the time."""
     t = query.begin + random_uniform(state) * (arrival - query.begin)
-    # While a robot drives its arm had better keep out of the way.
+    # While a mobile robot drives, its arm is better at HOME, where it is less often in the way.
     leaning = random_uniform(state) < 0.5 and not np.all(query.leans)
     for j in range(len(out)):
         v = query.velocity[j]

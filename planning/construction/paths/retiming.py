@@ -1,6 +1,6 @@
-"""New times along paths through space-time: waits for earlier arrivals, and waits as early as possible.
+"""Retiming of space-time paths: waits that lead to the earliest arrival, and waits as early as possible on the path.
 
-Only the robot's own motion changes, checked against the fixed timelines.
+Only the times of one robot change. Its path is checked against the planned motions of all other robots.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def _stands_along(
     Args:
         scene: what must be kept clear of.
         path: places, shape (w, n); the robot is at the first one from ``start`` on.
-        start, end: what is before or after is not looked at [s].
+        start, end: only collisions in between are checked [s].
 
     Returns:
         Spans of time, shape (w, _SPANS, 2) [s], and how many each place has, shape (w,).

@@ -1,6 +1,7 @@
-"""Random roadmaps, compiled.
+"""Random roadmaps (PRM) for space-time planning, in compiled code.
 
-Vertices are configurations, each with its safe intervals.
+Each vertex is a configuration with its safe intervals: the spans of time in which the robot can stay there without
+collision.
 """
 
 from __future__ import annotations
@@ -28,27 +29,26 @@ from planning.packed import packed
 from planning.transforms import Array, Indices
 
 SPANS = 12
-"""Spans kept at one vertex."""
+"""Greatest number of safe intervals stored for a vertex."""
 
 _NEAR_ENDS, _BETWEEN = 0.35, 0.85
-"""Shares of random vertices up to which they are near the start or a goal, and up to which they
-are anywhere between; the others are beside the straight path."""
+"""Cumulative shares of random vertices near the start or a goal, and anywhere between them; the others are near the
+straight path."""
 
 
 class Roadmap(NamedTuple):
-    """Vertices, and the state of the search at each.
+    """Vertices of a roadmap, and the state of the search at each.
 
     Attributes:
-        q: shape (v, n).
-        number: number of safe intervals of each vertex, -1 where unknown yet, shape (v,).
-        spans: in which the robot may stand there, any time where that is not known yet, shape
-            (v, SPANS, 2) [s].
-        come: arrival in each interval, infinity where unknown, shape (v, SPANS) [s].
-        left: departure from the vertex before, likewise [s].
-        parent: which span of which vertex that was, likewise.
-        rest: least time from there to a goal, shape (v,) [s].
-        blocked: motions that are not clear of static obstacles, shape (v, v).
-        free: room to work in, shape (cells,).
+        q: configurations of the vertices, shape (v, n).
+        number: number of safe intervals of each vertex, -1 if not computed yet, shape (v,).
+        spans: safe intervals, all of time if not computed yet, shape (v, SPANS, 2) [s].
+        come: arrival time in each interval, infinity if not reached yet, shape (v, SPANS) [s].
+        left: departure time from the previous vertex, shape (v, SPANS) [s].
+        parent: previous vertex and interval, as vertex * SPANS + interval, shape (v, SPANS).
+        rest: least time from each vertex to a goal, shape (v,) [s].
+        blocked: whether the motion between two vertices collides with a static obstacle, shape (v, v).
+        free: work array, shape (cells,).
     """
 
     q: Array
@@ -64,10 +64,10 @@ class Roadmap(NamedTuple):
 
 @inner_kernel
 def _draw_near_ends(query: Query, state: npt.NDArray[np.uint64], out: Array) -> None:
-    """Draw a configuration a second or two away from the start or a goal.
+    """Draw a configuration up to about two seconds away from the start or a goal.
 
-    Where it must leave soon, or can only come late, short ways are what is free; and an arm
-    that reaches over something leaves by driving away, as it is.
+    If the robot must leave early or can only arrive late, only short motions are free. An arm on a mobile base that
+    reaches over an obstacle may have to drive away without moving its arm.
     """
     near = int(random_uniform(state) * (1 + len(query.goals)))
     far = 0.2 + 2.0 * random_uniform(state)

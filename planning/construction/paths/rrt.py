@@ -120,7 +120,7 @@ class _Search:
     Attributes:
         earliest: no path arrives before [s].
         least: time that speeds allow to the nearest goal [s].
-        horizon: no later arrival is looked at [s].
+        horizon: latest arrival to consider [s].
         watch: what takes how long.
     """
 

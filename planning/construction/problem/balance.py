@@ -1,10 +1,9 @@
-"""Stability precedence of a construction: the prerequisites of each part for all parts to stand.
+"""Stability constraints of a construction: the parts that must be in place before each part.
 
-Parts stand by friction on what they touch, and by joints (``planning.statics``). A part whose weight is
-carried to the ground by its supports alone, or by one neighbour, may be placed at any time after those. Any
-other part is checked in the order of planning: it depends on all parts that it then needs, or it is not its
-turn yet. A part that would fall at any time may be held by the robot that places it until the next part is
-in place, if both stand then.
+Parts are held by friction on the parts that they touch, and by joints (``planning.statics``). If the supports of a
+part, or one neighbour, carry its weight to the ground, the part may be placed at any time after these. Any other part
+is checked when it is planned: it then depends on all parts that it needs, or it must be placed later. If a part would
+fall at any time, the robot that places it may hold it until the next part is in place, if both are stable then.
 """
 
 from __future__ import annotations
@@ -123,7 +122,7 @@ class SiteBalance:
         self, standing: StabilityChecker, part: str, below: Collection[str]
     ) -> bool:
         """Tell whether the prerequisites of a part support it, whatever else is in place."""
-        if not all(joint.endless for joint in standing.joints):
+        if not all(joint.is_unlimited for joint in standing.joints):
             return False  # the forces of all parts together may be too much
         there = {part, *below}
         falls = standing.falling(there, joints=standing.joints, weighing=[part])

@@ -1,4 +1,4 @@
-"""Feasibility checks of a construction problem that need no search."""
+"""Feasibility checks of a construction problem before any search."""
 
 from __future__ import annotations
 

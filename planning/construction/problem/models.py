@@ -1,7 +1,7 @@
 """Models of structures: tower, wall, well and pavilion, as in Hartmann et al. V-A.
 
-Every model is a list of boxes with their goal poses. The origin of the world is in the middle of the
-site, on the ground; z points up.
+Every model is a list of boxes with their goal poses. The origin of the world is on the ground, in the middle of the
+site; z points up.
 """
 
 from __future__ import annotations

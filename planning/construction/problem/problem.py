@@ -1,8 +1,8 @@
-"""Construction problems as data: parts with goal poses and grips, and the team.
+"""Construction problems as data: parts with goal poses and grips, and a team of robots.
 
-Everything in the construction route takes one ConstructionProblem: parts whose start and goal
-poses are known (Hartmann et al. III), robots that hold them by touch (V-A2), and the graph that
-says which part may be placed when (V-A1).
+A ``ConstructionProblem`` is the input of the construction planner (Hartmann et al.). Parts have known start and goal
+poses (Sec. III). Robots hold parts by touching them, for example by suction (V-A2). A graph of the contacts between
+parts says when each part may be placed (V-A1).
 """
 
 from __future__ import annotations

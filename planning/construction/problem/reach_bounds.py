@@ -1,8 +1,8 @@
-"""Reachability of parts by robots: a lower bound for the search (IV-D).
+"""Reachability of parts by robots, used to prune the search (Hartmann et al. IV-D).
 
-A part that no robot could pick or place even among the fixtures alone can never be built: other parts and
-robots are ignored here. Reach is found by sampling configurations: a robot counts as unable after many
-samples with many rotations of its pad have failed.
+Only fixtures are obstacles here; other parts and robots are ignored. If no robot can pick or place a part even then,
+the part can never be placed. Reachability is tested by sampling: a robot counts as unable to reach a part after many
+sampled configurations have failed, with many rotations of its vacuum pad.
 """
 
 from __future__ import annotations

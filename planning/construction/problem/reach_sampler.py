@@ -1,8 +1,8 @@
 """Random inverse kinematics: configurations that bring the tool of a mobile robot to a pose.
 
-A robot on a mobile base has a continuum of them. Arm configurations are drawn once for every
-type of robot. For a target, take one whose tool is as high and leans as much as wanted, drive
-the base so that the tool is where it should be, and let damped least squares do the rest.
+A robot with a mobile base reaches a pose in infinitely many configurations. Arm configurations are sampled once for
+every type of robot. For a target pose, a sample with nearly the same height and tilt of the tool is selected. The
+base is placed so that the tool is at the target, and damped least squares refines the configuration.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Settings of the construction planner: the effort of the search, of keyframes and of paths."""
+"""Settings of the construction planner: search effort, keyframes and paths."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 _LOW_EFFORT_DELAY_S = 15.0
-"""Largest delay of an arrival over a roadmap at low effort [s]."""
+"""Largest accepted delay of a path over the roadmap at low effort [s]."""
 
 _LOW_EFFORT_DIVISOR = 10
-"""Divisor of the number of samples at low effort, where all paths come from the bi-directional search."""
+"""Divisor of the number of samples at low effort, if all paths are found by the bidirectional RRT."""
 
 
 PathFinder = Literal["auto", "rrt"]
-"""Method of path search: direct paths and roadmaps before the bi-directional RRT, or the RRT of Hartmann et al. IV-C alone."""
+"""Method of path search: direct paths and roadmaps before the RRT, or only the RRT of Hartmann et al. IV-C."""
 
 
 class RrtSettings(NamedTuple):

@@ -1,4 +1,4 @@
-"""Sites of constructions: the cell and the problem of building a model."""
+"""Construction sites: the workcell, and the problem of building a model of a structure."""
 
 from __future__ import annotations
 

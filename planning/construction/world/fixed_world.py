@@ -1,4 +1,4 @@
-"""The fixed world: the cell with all motion planned so far (Hartmann et al., eq. 2)."""
+"""The fixed world (Hartmann et al., eq. 2): the workcell with all motions planned so far."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots with the parts that they carry, and their bodies for compiled code."""
+"""Robots with the parts that they carry, and their bodies as arrays for compiled code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions of skills around a touch, along straight lines of the tool."""
+"""Motions of skills: straight tool paths to the contact with a part, and away from it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from planning.kinematics.kinematics import follow_poses, frame_pose
 from planning.transforms import Array, Transform, read_only_copy
 
 SPACING = 0.025
-"""Distance of the tool poses on a straight path [m]."""
+"""Distance between consecutive tool poses on a straight path [m]."""
 
-_BEND = 0.35
-"""Most that a joint moves between two of them; more is another posture [rad or m]."""
+_LARGEST_JOINT_STEP = 0.35
+"""Largest joint motion between consecutive tool poses; a larger one changes the arm posture [rad or m]."""
 
 
 @dataclass(frozen=True)
@@ -99,4 +99,6 @@ def follow_straight_line(
     if found[-1] is None:
         return None
     chain = np.array([q, *found])
-    return None if np.max(np.abs(np.diff(chain, axis=0))) > _BEND else chain
+    return (
+        None if np.max(np.abs(np.diff(chain, axis=0))) > _LARGEST_JOINT_STEP else chain
+    )

@@ -1,6 +1,6 @@
-"""Timelines: the motion of one robot, and the poses of one object, as planned so far.
+"""Timelines: the planned motion of one robot, or the planned poses of one object, over time.
 
-They are cut into pieces, each of which becomes a node of a temporal plan graph.
+Timelines are divided into pieces. Each piece becomes a node of a temporal plan graph.
 """
 
 from __future__ import annotations

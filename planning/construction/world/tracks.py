@@ -1,4 +1,4 @@
-"""Robots on fixed timelines as obstacles: their swept volumes, piece by piece."""
+"""Swept volumes of the planned motions of robots, which are obstacles for other robots."""
 
 from __future__ import annotations
 

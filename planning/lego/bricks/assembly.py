@@ -1,9 +1,8 @@
 """LEGO assemblies as data: plate, brick types, stock and steps, on the stud grid.
 
-The grid of a plate counts studs from its corner: x and y from 0, layer z from 1 (on the plate).
-A plate is also a type of brick, a third as high; heights and levels count such thirds: a brick of
-layer z stands on level 3 (z - 1) and its top face is at level 3 z, one level higher for each that it
-is raised.
+The grid of a base plate counts studs from its corner: x and y from 0, layer z from 1 (on the plate).
+Heights are measured in levels of a third of a brick, since LEGO plates, which are also brick types, are a third as
+high as a brick. A brick of layer z extends from level 3 (z - 1) to level 3 z; ``raised`` levels are added to both.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ LAYER_HEIGHT = 0.0096
 """Height of a brick without its studs [m]."""
 
 BRICK_LEVELS = 3
-"""Height of a brick in levels: a plate is one level high."""
+"""Height of a brick in levels; the brick types called plates are one level high."""
 
 GridPlace = tuple[int, int, int]
 """A place on the grid: stud in x and y from 0, level from 0 on the plate."""
@@ -67,7 +66,7 @@ class Cell:
         x, y: stud of the least corner, from 0.
         z: layer in which its bottom is, 1 on the plate.
         turned: True when the brick is turned by +90 degrees about z.
-        raised: levels between the bottom of the layer and the brick's, 0 to 2.
+        raised: levels from the bottom of the layer to the bottom of the brick, 0 to 2.
     """
 
     x: int
@@ -102,7 +101,7 @@ class Cell:
 
 
 class GridSpan(NamedTuple):
-    """Block of grid places: from where to before where, in studs and levels."""
+    """Block of grid places as half-open ranges: x0 to x1 and y0 to y1 in studs, bottom to top in levels."""
 
     x0: int
     x1: int
@@ -208,7 +207,7 @@ class PlacedBrick(OnGrid):
 
 @dataclass(frozen=True)
 class Press:
-    """Grip of the tool on a brick, by which it also presses.
+    """Grip of the tool on a brick, with which it also presses the brick onto others.
 
     Attributes:
         side: 1 to 4. For a brick that is not turned: 1 = edge of least x, 2 = of greatest y,
@@ -265,7 +264,7 @@ class LegoStep(OnGrid):
             needed. Each goes with ``press``.
         attack: +1 or -1, sign of the sideways offset of the place approach.
         stock: name of the prescribed stock brick, None when the planner may choose.
-        temporary: True for a brick that only helps: it is not part of the structure.
+        temporary: True for a brick that is removed later: it is not part of the finished structure.
     """
 
     brick: BrickType

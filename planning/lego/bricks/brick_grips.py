@@ -1,7 +1,7 @@
 """Poses in which the tool grips and presses a brick, from above and from the side.
 
-The tool frame has z along the tool, out of it: down when it grips from above. It stands on the
-middle of the edge of two neighbouring studs.
+The z axis of the tool frame points out of the tool: down when it grips from above. Its origin is in the middle of the
+edge of two neighbouring studs.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SIDES = (1, 2, 3, 4)
 """Edges of a brick in its own axes: least x, greatest y, least y, greatest x."""
 
 MOST_OFFSETS = 7
-"""Offsets of the longest side, eight studs: a tool covers two of them."""
+"""Number of offsets along the longest side, of eight studs, since a tool covers two of them."""
 
 _FLIP = rotation("y", np.pi)
 _HALF_TURN = rotation("z", np.pi)
@@ -49,7 +49,7 @@ def legal_offsets(brick: BrickType, side: int) -> range:
     """Return the legal offsets along a side.
 
     The tool covers studs ``offset`` and ``offset + 1``. Along a side of a single stud there is
-    one legal offset, 0; the tool then stands off the middle and covers that stud alone.
+    one legal offset, 0; the tool is then off its middle and covers that stud alone.
     """
     return range(max(side_studs(brick, side) - 1, 1))
 
@@ -57,7 +57,7 @@ def legal_offsets(brick: BrickType, side: int) -> range:
 def legal_presses(brick: BrickType) -> tuple[Press, ...]:
     """Return all legal grips of a brick, at most 4 sides x 7 offsets, those on two studs first.
 
-    Grips of one stud are listed only where the brick has no side of two.
+    Grips on one stud are listed only if no side of the brick has two studs.
     """
     every = [(side, off) for side in SIDES for off in legal_offsets(brick, side)]
     wide = [(s, o) for s, o in every if side_studs(brick, s) >= 2]
@@ -108,9 +108,9 @@ def grip_pose(top: Transform, brick: BrickType, press: Press) -> Transform:
 def side_contact_pose(top: Transform, brick: BrickType, press: Press) -> Transform:
     """Return the pose of the frame ``"alt"`` that carries a brick on the side studs.
 
-    The tool lies level under the edge, its side studs in the brick from below: the frame's
-    origin is where the top grip's would be on a brick three levels high, its z points level into
-    the brick, its x down. What it is given is that of ``grip_pose``.
+    The tool is horizontal under the edge, with its side studs in the brick from below. The frame's origin is that of
+    the grip from above on a brick of three levels; its z axis is horizontal and points into the brick, its x axis
+    points down. The arguments are those of ``grip_pose``.
     """
     higher = translation(0.0, 0.0, LAYER_HEIGHT - brick_height(brick))
     return grip_pose(top @ higher, brick, press) @ _TO_SIDE_STUDS
@@ -119,8 +119,8 @@ def side_contact_pose(top: Transform, brick: BrickType, press: Press) -> Transfo
 def press_cell(item: OnGrid, press: Press, *, up: bool) -> Cell:
     """Return the contact of a press as the cell of a 1 x 2 brick.
 
-    It lies along the pressed edge in the layer above the brick, or below it for a place-up,
-    as published task files give it. It is as high as a brick.
+    The cell lies along the pressed edge in the layer above the brick, or below it for a place-up, as in published
+    task files. It is as high as a brick.
     """
     check_press(item.brick, press)
     cell, (nx, ny) = item.cell, item.span.size

@@ -8,27 +8,27 @@ from collections.abc import Iterable, Iterator
 from planning.lego.bricks.assembly import GridSpan, PlacedBrick
 
 _TILE = 8
-"""Studs along the edge of a tile."""
+"""Edge length of a tile in studs."""
 
-Numbered = tuple[int, PlacedBrick]
-"""A brick with its place in some order."""
+NumberedBrick = tuple[int, PlacedBrick]
+"""A brick with a number: 0 for a brick in the stock, otherwise the number of the step that places it."""
 
 
 class BrickTiles:
     """Spatial index of the bricks on one plate.
 
     Args:
-        bricks: each with its place in an order; several may be in one place, at different times.
+        bricks: bricks with numbers; several may have the same position, at different times.
     """
 
-    def __init__(self, bricks: Iterable[Numbered]) -> None:
-        self._tiles: dict[tuple[int, int], list[Numbered]] = defaultdict(list)
+    def __init__(self, bricks: Iterable[NumberedBrick]) -> None:
+        self._tiles: dict[tuple[int, int], list[NumberedBrick]] = defaultdict(list)
         for item in bricks:
             for tile in _tiles(item[1].span):
                 self._tiles[tile].append(item)
 
     def near(self, span: GridSpan, before: int) -> dict[str, PlacedBrick]:
-        """Return the bricks within one stud of a block that come before a place in their order."""
+        """Return the bricks within one stud of a block whose number is below a given one."""
         found = {
             (number, item.name): item
             for tile in _tiles(span)

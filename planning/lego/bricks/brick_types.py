@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from planning.lego.bricks.assembly import BrickType
 
-# Of 1x3, 2x3 and 2x8 the masses lie on the lines through those of the other sizes.
+# Masses [kg] by studs. Those of 1x3, 2x3 and 2x8 are linear inter- or extrapolations of the others.
 _MASSES: dict[tuple[int, int], float] = {
     (1, 1): 0.00044,
     (1, 2): 0.0008,

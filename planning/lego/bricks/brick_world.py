@@ -1,9 +1,9 @@
-"""The bricks of an assembly as objects, fixtures and a collision world, and the names of bricks at feeding stations.
+"""Bricks of an assembly as objects, fixtures and a collision world, and names of bricks at feeding stations.
 
-A feeding station holds one brick at a time. Each of its bricks is an object of the cell, numbered in the
-order of picks: ``"feed.1"`` is there at the start, ``"feed.2"`` is supplied once ``"feed.1"`` was picked, or
-lost in the pick, and so on; the last brick supplied is used by no step. For the assignment a station is one
-object that is never used up, named as in the stock.
+A feeding station holds one brick at a time. Each of its bricks is an object of the cell, numbered in the order of
+picks: ``"feed.1"`` is there at the start, and ``"feed.2"`` is supplied once ``"feed.1"`` was picked, or lost in the
+pick. No step uses the last brick supplied. In the assignment, a station is one object that is never used up; its name
+is that of the station in the stock.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ class BrickWorld:
 
     def stock_neighbours(self, stock: str) -> dict[str, PlacedBrick]:
         """Return the other stock bricks on the plate of a stock brick within two studs of it."""
-        near = self.cells_near_stock(stock, number=1)
+        near = self.bricks_near_stock(stock, number=1)
         near.pop(stock)
         return near
 
@@ -217,11 +217,11 @@ class BrickWorld:
         """The step of each goal by its name."""
         return {goal_name(k + 1): k + 1 for k in range(len(self.assembly.steps))}
 
-    def cells_near(self, span: GridSpan, number: int) -> dict[str, PlacedBrick]:
+    def bricks_near(self, span: GridSpan, number: int) -> dict[str, PlacedBrick]:
         """Return the bricks that may stand on the structure's plate in a step, near some cells of the grid."""
         return self._tiles.near(span, before=number)
 
-    def cells_near_stock(self, stock: str, number: int) -> dict[str, PlacedBrick]:
+    def bricks_near_stock(self, stock: str, number: int) -> dict[str, PlacedBrick]:
         """Return the bricks that may stand within two studs of a stock brick in a step, itself included."""
         item = self.stock[stock]
         tiles = (

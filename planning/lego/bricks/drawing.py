@@ -1,9 +1,9 @@
-"""Structures as drawings: bricks drawn with letters, layer by layer or seen from the side.
+"""Reading of LEGO structures from text drawings, in which each brick is drawn with a letter.
 
-A layer is what one sees from above: x to the right, y upwards. An elevation is what one sees from
-the side: z upwards, and x or y to the right; all its bricks are equally deep. Each patch of one
-letter is one brick, ``.`` is empty. A brick's type is the one that has its size; plates, which are
-lower, are not drawn.
+A layer is drawn as seen from above, with x to the right and y upwards. An elevation is drawn as seen from the side,
+with z upwards and x or y to the right; all its bricks have the same number of studs in the direction of view. Each
+connected area of one letter is one brick; ``.`` marks an empty stud. The brick type follows from the size of the area.
+Plates, which are lower than a brick, cannot be drawn.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class DrawnBrick:
     """A brick of a drawing.
 
     Attributes:
-        letter: it is drawn with.
+        letter: with which it is drawn.
         brick: its type.
         cell: where it sits.
         spot: of its first character.
@@ -44,7 +44,7 @@ class Drawing:
 
     Attributes:
         bricks: in the order of the text.
-        problems: what is no brick, in the order of the text: where, and what is wrong.
+        problems: position and message of each problem, in the order of the text.
     """
 
     bricks: list[DrawnBrick] = field(default_factory=list)
@@ -95,7 +95,7 @@ def read_elevation(
             x or y.
         origin: stud and layer of its lower left character, the nearest stud in depth.
         along: the direction that runs to the right.
-        depth: studs that every brick of it is deep, in the other direction.
+        depth: studs of every brick along the other direction.
         types: brick types by name.
     """
     lines, drawing = _lines(text)
@@ -148,7 +148,7 @@ def type_of_size(
 
 
 def _lines(text: str) -> tuple[list[str], Drawing]:
-    """Return the lines without a last empty one, and a drawing with their problems."""
+    """Return the lines without empty ones at the end, and a drawing with their problems."""
     drawing = Drawing()
     lines = [line.rstrip() for line in text.splitlines()]
     while lines and not lines[-1]:

@@ -1,7 +1,7 @@
-"""The stud grid: poses of cells, and which bricks touch.
+"""The stud grid: poses of grid cells, and contacts between bricks.
 
-Studs are not modelled: bricks are boxes a tenth of a millimetre smaller on each side than their
-share of the grid.
+Studs are not modelled: a brick is a box that is a tenth of a millimetre smaller on each side than the grid cells that
+it fills.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from planning.transforms import Array, Transform, rotation, translation
 Key = TypeVar("Key", bound=Hashable)
 
 _BRICK_GAP = 0.0002
-"""A brick is this much shorter than its studs times the pitch [m]."""
+"""Difference of a brick's length to its number of studs times the pitch [m]."""
 
 
 def level_height(level: float) -> float:
@@ -84,7 +84,9 @@ def bricks_joined_to_plate(
 ) -> set[Key]:
     """Return the bricks that are connected to the plate, directly or through others.
 
-    Each is given with the places that it fills; what stands in any case fills those of the base.
+    Args:
+        places: grid places that each brick fills, by its key.
+        base: grid places of what is connected to the plate in any case.
     """
     owner = {place: key for key, own in places.items() for place in own}
     held = {

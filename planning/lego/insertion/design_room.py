@@ -1,7 +1,7 @@
-"""Obstacles of the tool among the bricks of a design, for every press and every support.
+"""Bricks of a design that obstruct the tool, for every press of a brick and every support.
 
-Computed once for the whole design: a press or a support has room in a partial structure when
-none of those bricks is there.
+They are computed once for the whole design. In a partial structure, a press or a support is unobstructed if none of
+these bricks is present.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
 """Insertions of a brick into a structure: from above or from below, alone or supported by the other arm.
 
-This is the pruning of APEX-MR App. A for one brick: the structure must bear the pressing force, and the
-tools must have room.
+An insertion is possible if the structure bears the pressing force and the tools have clearance. These are pruning
+criteria of APEX-MR App. A, applied to one brick.
 
-A brick is *perhaps insertable* next to some others when nothing is found that excludes its insertion,
-whichever further bricks are present: none of the others blocks it or the tool, and even the whole design,
-taken as weightless, bears the press. Whatever excludes it then also excludes it next to more bricks. For
-one test instead of one for every press and every supporting spot, it is pressed at all its presses and
-supported at all spots simultaneously: what the structure does not bear then, it bears with none of them.
+A brick is called *perhaps insertable* into a set of bricks if a fast necessary test does not exclude it: the other
+bricks block neither the brick nor the tool, and the complete design, without its weight, bears the press. A brick
+that fails the test also fails it among more bricks. One calculation covers all presses and supports: all presses act
+simultaneously, and all supports are present. If the structure fails even then, it fails for each press and support.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Rules of an assembly sequence: allowed insertion methods and remedies, and required loads."""
+"""Rules of an assembly sequence: allowed insertion methods, temporary supports, and loads to bear."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from functools import cached_property
 from planning.lego.bricks.assembly import BrickType, PlacedBrick, Press
 
 _TOOLS_APART = 0.095
-"""Two upright tools whose axes are nearer than this meet at their force sensors [m]."""
+"""Distance of the axes of two upright tools below which their force sensors collide [m]."""
 
 Grip = tuple[str, Press, bool]
-"""A brick's name, where it is gripped, and whether it goes in from below."""
+"""Name of a brick, its grip, and whether it is inserted from below."""
 
 NO_ARM = "the reach of all arms"
-"""Placeholder for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
+"""Placeholder for the obstacle of a grip that no arm of the cell can reach in any scene."""
 
 
 class InsertionMethod(Enum):

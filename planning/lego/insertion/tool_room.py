@@ -1,8 +1,8 @@
-"""Clearance of the tool among the bricks: the third pruning of APEX-MR App. A.
+"""Clearance of the tool among the bricks: the third pruning criterion of APEX-MR App. A.
 
-The tool is cut into convex pieces, each bounded by a box along the plate's axes at every pose of
-a skill; a pose has room when no box meets a brick or the plate. That errs on the safe side at
-the corners of the round parts. Arms are left to motion planning.
+The tool is divided into convex pieces. At every pose of a skill, each piece is bounded by a box along the axes of the
+plate. A pose is unobstructed if no box meets a brick or the plate. The test is conservative, because the boxes are
+larger than the round parts of the tool. Collisions of arms are checked later, in motion planning.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from planning.robots.registry import robot_model
 from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 
 _THICK = 0.0045
-"""Pieces of a tapering body are no thicker than this along the tool [m]."""
+"""Greatest thickness of the pieces of a tapering body along the tool [m]."""
 
 _SAME = 1e-6
 """Corners at the same height, or above each other, to within this [m]."""

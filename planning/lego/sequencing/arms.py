@@ -1,10 +1,10 @@
-"""Search for a sequence that the arms of a cell can execute: alternately by tool clearance and by reach.
+"""Search for a sequence that the arms of a cell can execute: tool clearance and reach are tested alternately.
 
-A sequence is searched with tool clearance alone. The candidates of the cell's arms at each of its steps are
-then found as for planning. Where no robot can do a step, the search is repeated with new constraints: grips
-that no arm reaches are excluded, a grip that bricks blocked for every arm is excluded next to these, and a
-brick that no two arms can support must be inserted alone. Every failed sequence adds a constraint that
-excludes it, or the search ends.
+A sequence is first searched with tool clearance alone. Then the candidates of the arms are computed for each step, as
+in planning. If no robot can do a step, the search is repeated with a new constraint. A grip that no arm reaches is
+excluded. A grip that bricks obstruct for every arm is excluded next to these bricks. A brick that no two arms can
+support must be inserted without support. Every failed sequence adds a constraint that excludes it; otherwise the
+search ends.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Proof that a structure cannot be assembled: a set of bricks of which none can be inserted last.
 
-Bricks that are perhaps insertable (see ``insertion``) can be removed one after the other, in any order; if
-some remain of which none is, no assembly order exists, as one of them would have to be the last.
+Bricks are removed one after another as long as one is *perhaps insertable* (see ``planning.lego.insertion``); the
+order of removals is irrelevant. If bricks remain, no assembly order exists, because one of them would have to be
+inserted last.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Search for an assembly sequence: depth first, repeated with what was learnt from dead ends.
+"""Search for an assembly sequence: repeated depth-first searches that learn from dead ends.
 
-Each try goes depth first, up to a number of partial structures. At a dead end the bricks that
-nothing but the press keeps from going in have lost what would have borne it: they become urgent
-and are removed earlier in the next try. No partial structure that led nowhere is entered again,
-so tries without end would be a complete search, and the last one takes all that is left.
+Each search visits a limited number of partial structures. At a dead end, some bricks cannot be inserted only because
+the bricks that would bear the press force have been removed. The next search removes these bricks earlier. Partial
+structures that led to a dead end are not visited again, so without a limit the search would be complete. The last
+search may use all of the remaining limit.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class DisassemblySearch(Generic[Part, How]):
         steps: removals in the order of assembly, None when there is no sequence.
         dead_end: a smallest set of parts, reached by removals, of which none can be removed;
             None when the search never got stuck.
-        visited: number of sets of parts looked at.
+        visited: number of sets of parts examined.
         complete: False when the search gave up because of its limit.
     """
 
@@ -109,9 +109,8 @@ def find_assembly_sequence(
 class Removals:
     """Removal candidates of the partial structures of one design.
 
-    What assembly by disassembly asks at every partial structure (APEX-MR App. A): what remains
-    must stand, and the brick must go in again with room for the tools, the structure bearing the
-    press.
+    These are the conditions of assembly by disassembly (APEX-MR App. A): the remaining structure must
+    stand, the tools must have room to insert the brick again, and the structure must bear the press force.
 
     Args:
         insertions: of the design.

@@ -1,4 +1,4 @@
-"""Explanation of one step: the equilibrium of the structure while a brick is pressed on."""
+"""Explanation of one assembly step: the equilibrium of the structure while a brick is pressed on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from planning.lego.stability.partial_structures import PartialStructures
 from planning.statics.equilibrium import Load, StabilityReport
 
 MOST = 100.0
-"""The force that a structure bears is sought up to this one [N]."""
+"""Upper limit of the search for the greatest force that a structure bears [N]."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Temporary bricks that make a structure buildable: a plinth, and scaffolding where it is blocked."""
+"""Temporary bricks that make a structure buildable: a plinth under it, and scaffolding under single bricks."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""Removal of temporary bricks from a finished structure, and which of them are trapped.
+"""Removal of temporary bricks from a finished structure, and detection of those that are trapped.
 
-Temporary bricks stay until the structure is lifted off the plate; bricks present from the start stay on the
-plate. Then a temporary brick comes off its knobs straight up or down, and moves in any direction along the
-grid until it is outside. They are removed one at a time. Each removal only makes room for others, so the
-same bricks are trapped at the end in any order. Hands, pulling forces, and bricks that would come out
-together are ignored.
+The finished structure is lifted off the plate; bricks that were present from the start stay on the plate. Then
+temporary bricks are removed one at a time. A temporary brick is pulled straight up or down off its knobs, and then
+moves in any direction along the grid until it is outside. A removal only makes space for others, so the trapped
+bricks do not depend on the order. Hands, pulling forces, and simultaneous removals are not modelled.
 """
 
 from __future__ import annotations

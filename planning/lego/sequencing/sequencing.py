@@ -1,9 +1,9 @@
-"""From a finished LEGO structure to the steps that build it (APEX-MR Sec. III and App. A).
+"""Assembly sequences of LEGO structures, found by disassembly (APEX-MR Sec. III and App. A).
 
-Assembly by disassembly: from the finished structure, bricks are removed one at a time such that
-what remains stands, and such that the removed brick could be put back. Reversed, the removals are
-the assembly sequence. Before the search, sets of bricks that block each other are determined: where there
-are any, no order exists, and they are the proof.
+Bricks are removed from the finished structure one at a time. The remaining structure must be stable, and it must be
+possible to insert the removed brick again. The removals in reverse order are the assembly sequence. Sets of bricks
+that block each other are determined before the search. If there are any, no assembly order exists, and these sets are
+the proof.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class SequencedStructure:
 
     Attributes:
         sequence: the steps in the order of assembly, with reasons.
-        visited: partial structures looked at.
+        visited: number of partial structures examined.
         programs: linear programs solved.
         shut_in: temporary bricks that cannot be taken out again.
     """
@@ -118,7 +118,7 @@ def sequence_structure(
         scaffold: bricks that stand from the start and stay.
         helpers: temporary bricks that are chosen already, on a plinth where there is one.
         rules: what is allowed.
-        progress: called with how many partial structures were looked at, and of how many at most.
+        progress: called with the numbers of partial structures examined and allowed.
 
     Returns:
         The first sequence found. Bricks of the top layer are removed first; within a layer the

@@ -1,7 +1,7 @@
-"""Stability at the steps of a given sequence: whether the structure bears them, and what fails first.
+"""Stability check of a given sequence: whether the structure bears each step, and which joints fail first.
 
-A sequence that the planner finds is stable after each step, and bears every press (``sequencing``); one
-written by a person is checked here, step by step, with the same equilibrium and the same insertion force.
+A sequence that the planner finds is stable after each step, and bears every press (``sequencing``). A sequence from a
+user is checked here step by step, with the same equations of equilibrium and the same insertion force.
 """
 
 from __future__ import annotations

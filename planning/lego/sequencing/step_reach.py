@@ -1,7 +1,7 @@
 """Reachability check of every step, before the search for candidates.
 
-It considers the robot alone: what is out of reach here stays so in any surroundings; what is within
-reach may still be obstructed.
+Each robot is considered alone, without obstacles. A pose that is out of reach here is out of reach in any scene. A
+pose within reach may still be obstructed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def check_reach(
     Args:
         cell: its objects are the stock of the assembly.
         assembly: the structure and its steps.
-        names: what the steps are called, by default their numbers and what they do.
+        names: names of the steps in messages; by default their numbers and descriptions.
 
     Raises:
         InfeasibleStepError: no robot reaches where a brick goes or any brick of its type in

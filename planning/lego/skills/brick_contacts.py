@@ -1,7 +1,7 @@
-"""Contacts that picks, places and supports of bricks allow.
+"""Allowed contacts in picks, places and supports of bricks.
 
-They are what touches by the nature of a skill: never arm and arm, never tool and tool. Each is an
-unordered pair of names: the robot's tool, a brick, the plate.
+Only contacts that a skill requires are allowed; two arms or two tools may never touch. A contact is an unordered pair
+of names: a tool of a robot, a brick, or the plate.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from planning.steps.skill import Pairs, contacts_with
 from planning.transforms import Transform, inverse
 
 _TOUCH = 0.001
-"""A fixture whose top is this near to a brick's bottom carries it [m]."""
+"""Distance from the bottom of a brick to the top of a fixture below which the fixture carries it [m]."""
 
 PRESSED = 0.003
 """How deep a tool may go into bricks that it is allowed to touch: the audit lets pass as much [m]."""

@@ -1,7 +1,7 @@
-"""Collision-free options of each robot for each skill of a LEGO assembly, cached.
+"""Collision-free skills of a LEGO assembly for each robot and grip, cached.
 
-What depends on the robot, the stock brick and the grip (the pick) is apart from what depends on
-the robot, the step and the grip (the place): their product is never checked pair by pair.
+A pick depends on the robot, the stock brick and the grip. A place depends on the robot, the step and the grip. They
+are checked separately, so pairs of a pick and a place need no checks.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from planning.tasks.assignment import SupportCandidate
 from planning.transforms import Array, translation
 
 Found = ResolvedSkill | Obstruction
-"""A skill that is free but for what will be gone, or why there is none."""
+"""A skill that is free of permanent obstacles, or the reason why there is none."""
 
 Key = ParamSpec("Key")
 Answer = TypeVar("Answer")
@@ -82,7 +82,7 @@ def _cached(
 
 
 class BrickSkills:
-    """Free picks, places, supports and handovers, or the reasons why there are none.
+    """Collision-free picks, places, supports and handovers, or the reasons why there are none.
 
     Each is computed at most once. The scene is the stock at rest and the goals of the earlier
     steps, other robots at HOME.
@@ -225,7 +225,7 @@ class BrickSkills:
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
         item, near = world.goal_bricks[step - 1], resting_room(work)
-        press, others = press_from_number(grasp), world.cells_near(near, step)
+        press, others = press_from_number(grasp), world.bricks_near(near, step)
         touching = resting_contacts(
             robot, item, at_goal.pose, press, others, world.cell.fixtures
         )
@@ -308,7 +308,7 @@ class BrickSkills:
         """Return the allowed contacts of a supporting tool, the step's brick included."""
         world = self.world
         support = world.step(step).supports[choice]
-        bricks = world.cells_near(supported_span(support), step)
+        bricks = world.bricks_near(supported_span(support), step)
         own = {goal_name(step): world.step(step)}
         return support_contacts(robot, support, {**bricks, **own})
 

@@ -1,4 +1,4 @@
-"""Candidates for the assignment of LEGO steps: robots, bricks, grips (APEX-MR App. B)."""
+"""Candidates for the assignment of LEGO steps: robots, bricks and grips (APEX-MR App. B)."""
 
 from __future__ import annotations
 

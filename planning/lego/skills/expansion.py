@@ -1,4 +1,4 @@
-"""Expansion of assignment choices to steps of a LEGO assembly: skills and contacts (APEX-MR IV-A)."""
+"""Expansion of the assigned steps of a LEGO assembly to skills with allowed contacts (APEX-MR IV-A)."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ class _ChosenBrickStep:
         start = self.world.stock_at_rest[source][1].pose
         held = inverse(self._flange(robot, option.path.contact)) @ start
         item = self.world.stock[source]
-        near = self.world.cells_near_stock(source, self.choice.step)
+        near = self.world.bricks_near_stock(source, self.choice.step)
         neighbours = self._standing(near)
         if self.refill is not None:
             neighbours.pop(self.refill.name)
@@ -271,7 +271,7 @@ class _ChosenBrickStep:
 
     def _standing_near(self, span: GridSpan) -> dict[str, OnGrid]:
         """Return the bricks near a block above the plate when the brick has been picked."""
-        return self._standing(self.world.cells_near(span, self.choice.step))
+        return self._standing(self.world.bricks_near(span, self.choice.step))
 
     def _flange(self, robot: str, q: Array) -> Transform:
         return frame_pose(self.world.cell.robot(robot), q)

@@ -1,8 +1,8 @@
-"""Handovers of a brick between two robots: meeting poses and postures.
+"""Handovers of a brick between two robots: meeting poses and arm postures.
 
-The receiver holds its tool level towards the giver, side studs up; the giver comes down from
-above. The published place is tried first, then others around it in the vertical plane between
-the two bases, nearest to it first.
+The tool of the receiver is horizontal and points to the giver, with its side studs up. The giver approaches from
+above. The meeting place of APEX-MR is tried first, then others in the vertical plane between the two bases,
+the nearest ones first.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HEIGHT = 0.35
 """Height of the receiving tool above the receiver's base [m]."""
 
 _DRAW_BACK = 0.075
-"""The receiver waits and comes away this far behind the place of the handover [m]."""
+"""Distance behind the meeting place at which the receiver waits before and after a handover [m]."""
 
 _REST = (0.2, 0.0, 0.5)
 """Where the giver's flange waits before and after, pointing down, in its base frame [m]."""

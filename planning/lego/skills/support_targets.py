@@ -1,4 +1,4 @@
-"""Placement of a supporting tool at a structure: poses above and below, and the block that its tip occupies."""
+"""Poses of a supporting tool, above and below a structure, and the grid cells that its tip occupies."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from planning.lego.bricks.grid import plate_corner, top_pose
 from planning.transforms import Transform, rotation, translation
 
 LEVER_WALL = 0.0032
-"""The wall beside the tool's grip stands out this far along the tool [m]."""
+"""Length of the wall beside the grip of the tool, along the tool [m]."""
 
 STUD_HEIGHT = 0.0017
 """Height of a stud [m]."""
 
 _TOP_SHIFT = 0.002
-"""The tool of a support-top stands this far inside the edge, along its x [m]."""
+"""Distance of the tool of a support-top from the edge, inwards along its x axis [m]."""
 
 _BOTTOM_LEAD = 0.001
-"""A support-bottom is approached from this far below [m]."""
+"""Distance from below at which the approach of a support-bottom begins [m]."""
 
 _TOP_LEAD = 0.005
-"""A support-top is approached from this far above [m]."""
+"""Distance from above at which the approach of a support-top begins [m]."""
 
 ORIENTATIONS = (0, 1, 2, 3)
 _YAW = (0.0, -np.pi / 2, np.pi / 2, np.pi)

@@ -1,8 +1,8 @@
 """Picks, places and handovers of bricks as sequences of subgoals (APEX-MR Sec. V, App. C).
 
-Every learned skill is an approach, an attach and a twist. The first subgoal, ``approach``, is
-the goal of the transit before the skill; the skill's own reference path is the rest. Distances
-and angles are those of the published demonstrations, checked against its shipped joint paths.
+Every skill of APEX-MR consists of an approach, an attachment and a twist. The first subgoal, ``approach``, is
+the goal of the transit before the skill; the other subgoals define the reference path of the skill. Distances and
+angles are those of the published demonstrations; they were compared with the published joint paths.
 """
 
 from __future__ import annotations

@@ -1,16 +1,17 @@
 """Contacts between the bricks of a structure and the forces that they bear (StableLego, Liu et al. 2024).
 
-A knob is held by the upper brick's walls and tubes: at three places in a brick two studs wide or
-more, at four in a brick one stud wide, which has bars across it instead of tubes. There a knob in
-the cavity above pushes without limit and pulls with limited friction; it bears sideways with a
-limit, and neighbours in a layer push each other. In the program of equilibrium, the largest
-friction over its capacity T is the score of the structure:
+Walls and tubes of the upper brick hold a knob of the lower brick. A brick that is at least two studs wide touches the
+knob at three points. A brick one stud wide has bars instead of tubes, and touches it at four points. The pressing
+force at a point is unlimited; the pulling force is limited by friction, and the sideways force is limited, too.
+Neighbours in a layer push each other. The score s of a structure is the greatest ratio of friction to its capacity T.
+It follows from a linear program over the contact forces f, where A f = -w is the equilibrium of forces and torques
+under the weights w, and S is the limit of sideways forces:
 
-    minimise s  subject to  A f = -w,  f_knob >= -s T,  |f_sideways| <= S,  f_side >= 0
+    minimise s  subject to  A f = -w,  f_knob >= -s T,  |f_sideways| <= S,  f_neighbour >= 0
 
-A structure whose score is 0 stands without any friction, up to 1 it stands, above it collapses.
-All lengths here are in studs, in the plate's frame with its corner as the origin, but those of
-what tools do, which are in metres.
+A structure with score 0 is stable without friction. With a score up to 1 it is stable; with a greater one it
+collapses. Lengths are in studs, in the frame of the plate, whose origin is its corner. Only lengths of tools are in
+metres.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
-"""Stability of the partial structures of one design: which stand, and which presses they bear.
+"""Stability of the partial structures of one design: which are stable, and which presses they bear.
 
-A sequence search queries thousands of structures that differ by a brick. Where bricks rest by compression
-alone no program is needed: a push on top of a brick is carried when its point lies in the convex hull of
-contacts below that carry pushes themselves, down to the plate. Such loads add up without any friction
-(compression is unlimited), so a structure whose bricks all rest like this has score 0, and neither a press
-where pushes are carried nor a further brick that rests like this can raise the score of another. All others
-are checked by one linear program that is updated from one structure to the next
+A sequence search queries thousands of structures that differ by one brick. Many need no linear program: a downward
+force on a brick is carried if its point lies in the convex hull of contacts below that are themselves carried, down
+to the plate. Such forces need no friction, and compression is unlimited. If all bricks rest in this way, the score of
+the structure (see ``contacts``) is 0. A press on such a brick, or one more such brick, does not raise the score of
+any structure. All other structures are checked by one linear program, which is updated from one structure to the next
 (``planning.statics.equilibrium``).
 """
 

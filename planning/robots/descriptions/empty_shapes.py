@@ -1,6 +1,6 @@
 """Removal of collision shapes without volume from robot descriptions.
 
-Some vendors give a link without a body a shape of size 0.
+Some vendors describe a link without a body by a shape of size 0.
 """
 
 from __future__ import annotations

@@ -30,10 +30,10 @@ _ELEMENT = "assembly_twin"
 _INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 _SHORTEST = 0.01
-"""No tool is shorter than this [m]."""
+"""Least length of a tool [m]."""
 
 _SLACK = 1e-6
-"""A value may be past a limit by this: rounding of files [rad or m]."""
+"""Tolerance by which a value may exceed a limit, for rounding in files [rad or m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,18 +42,18 @@ class Tool:
 
     Attributes:
         name: unique in the cell.
-        description: its URDF or MJCF file; None for a tool of shapes.
-        shapes: what a tool without a description is made of, in the frame of its one link.
-        within: how deep a hollow of the meshes of its description may be that convex pieces fill;
-            None for one hull a mesh [m].
-        held: its joints and the values they are held at, those left out at zero [rad or m].
+        description: its URDF or MJCF file; None for a tool that is given by shapes.
+        shapes: of a tool without a description, in the frame of its one link.
+        within: greatest depth of hollows that the convex pieces of its meshes may fill; None for one hull
+            for each mesh [m].
+        held: its joints with the values at which they are held; zero for joints left out [rad or m].
         mount: pose of its root link in the flange frame of a robot.
-        tcp: pose of the point at which it works in the frame of its root link, z out of the
-            hand; None for the link that is named as such.
+        tcp: pose of its tool frame in the frame of its root link, z out of the hand; None for the link
+            with that name in the description.
         closing: axis of that frame along which fingers close.
         frames: further frames, each a pose in the frame of the root link.
         grip: how it holds; None for tools that hold nothing.
-        mass: of all of it, in place of what its description adds up to; None for that [kg].
+        mass: total mass; None for the sum of the masses in its description [kg].
     """
 
     name: str
@@ -75,11 +75,11 @@ class Fitting:
 
     Attributes:
         tool: the mounted tool; None for the robot's own.
-        bare: whether nothing is mounted, not even what it comes with: its tools are handled as
-            objects, and what hangs on its last joint touches them.
-        flange: link whose frame is the flange; None for the one that its description means.
-        held: joints of the description that are held, and at what [rad or m].
-        limits: of its joints.
+        bare: whether nothing is mounted, not even the robot's own tool: its tools are handled as objects,
+            which may touch the bodies behind its last joint.
+        flange: link whose frame is the flange; None for the one given in the description.
+        held: joints of the description that are held, with their values [rad or m].
+        limits: joint limits that replace those of the description.
     """
 
     tool: Tool | None = None
@@ -95,7 +95,7 @@ class Fitting:
 
 
 def write_options(root: Element, options: UrdfOptions) -> None:
-    """Add properties of a robot besides its links and joints to its description."""
+    """Add the properties of a robot other than links and joints to its description."""
     assert options.flange_link is not None
     notes = SubElement(root, _ELEMENT, flange=options.flange_link)
     if options.home is not None:
@@ -118,10 +118,10 @@ def write_options(root: Element, options: UrdfOptions) -> None:
 
 
 def written_options(root: Element) -> UrdfOptions | None:
-    """Return the options that ``write_options`` wrote into a description, None where it did not.
+    """Return the options that ``write_options`` wrote into a description; None if there are none.
 
     Raises:
-        RobotModelError: a number is none.
+        RobotModelError: a value that should be a number is not.
     """
     notes = root.find(_ELEMENT)
     if notes is None:
@@ -163,15 +163,15 @@ def set_total_mass(
 ) -> None:
     """Scale the masses of the links to a total mass.
 
-    Links that have masses keep their shares of it. Where none has, all of it is in one link, and
-    turns as a rod does across its axis.
+    Links with masses keep their shares of the total. If no link has a mass, one link gets the total mass, with the
+    moment of inertia of a rod across its axis.
 
     Args:
-        body: of a URDF, changed.
-        link: link that has the whole mass where none is stated.
-        mass: of all [kg].
-        centre: where that one has it, in the frame of the link, shape (3,) [m].
-        length: of the rod [m].
+        body: root element of a URDF, which is changed.
+        link: link that gets the total mass if no link has a mass.
+        mass: total mass [kg].
+        centre: centre of mass in the frame of that link, shape (3,) [m].
+        length: length of the rod [m].
 
     Raises:
         RobotModelError: a mass of the description is no number.
@@ -207,12 +207,12 @@ def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
     """Fix joints at given values, with all joints that mimic them.
 
     Args:
-        root: of a URDF, changed.
+        root: root element of a URDF, which is changed.
         path: its file, for messages.
-        values: joint names and values [rad or m]; what mimics one of them may be named too.
+        values: values by joint name; joints that mimic others may be included [rad or m].
 
     Raises:
-        RobotModelError: there is no such joint, it cannot be held, or a value is past its limits.
+        RobotModelError: there is no such joint, it cannot be held, or a value exceeds its limits.
     """
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     for name, value in values.items():
@@ -300,7 +300,7 @@ def _range(joint: Element, where: str) -> tuple[float, float]:
 def _require_within(joint: Element, value: float, where: str) -> None:
     lower, upper = _range(joint, where)
     if lower == upper:
-        return  # a range that was never filled in
+        return  # an empty range stands for missing limits
     if not lower - _SLACK <= value <= upper + _SLACK:
         raise RobotModelError(
             f"{where} cannot be held at {value:g}: its limits are {lower:g} and {upper:g} (rad or m)"
@@ -320,6 +320,6 @@ def _fix(joint: Element, value: float, where: str) -> None:
         if child.tag not in ("parent", "child", "origin"):
             joint.remove(child)
     joint.set("type", "fixed")
-    joint.set("held", repr(float(value)))  # for who reads it; programs pass over it
+    joint.set("held", repr(float(value)))  # for human readers; parsers ignore it
     if kind != "fixed" and not (value == 0.0 and joint.find("origin") is None):
         write_pose(joint, pose)

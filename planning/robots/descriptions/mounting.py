@@ -96,7 +96,7 @@ def _cut_meshes(root: Element, within: float) -> None:
     Raises:
         ShapeError: a mesh cannot be cut.
     """
-    from planning.meshes.mesh_form import mesh_form
+    from planning.meshes.mesh_loading import load_mesh
 
     for link in root.findall("link"):
         for collision in link.findall("collision"):
@@ -106,7 +106,7 @@ def _cut_meshes(root: Element, within: float) -> None:
             scale = [float(factor) for factor in mesh.get("scale", "1 1 1").split()]
             if len(set(scale)) > 1:
                 continue  # a hull is what is left for what is stretched
-            form = mesh_form(Path(mesh.get("filename", "")), scale[0], within)
+            form = load_mesh(Path(mesh.get("filename", "")), scale[0], within)
             where = f"link {link.get('name')!r}"
             pose = origin_pose(collision.find("origin"), where)
             link.remove(collision)

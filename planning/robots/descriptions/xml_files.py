@@ -58,7 +58,7 @@ def read_xml(path: Path) -> Element:
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
     try:
-        # Some files end with a byte that is nought.
+        # Some files end with a zero byte.
         content = content.rstrip(b"\0 \t\r\n")
         parser.Parse(_DECLARATION.sub(rb"\1", content, count=1), True)
         return builder.close()

@@ -13,7 +13,7 @@ from planning.cell.workcell import CellObject
 from planning.contacts.interference import forms_overlap_depth, overlap_depth
 from planning.contacts.play import _across, _free_of_surface, play_in_place
 from planning.contacts.surface_gap import free_distance, surface_gap
-from planning.meshes.mesh_form import mesh_form
+from planning.meshes.mesh_loading import load_mesh
 from planning.transforms import Array, Indices, Transform, from_rpy, translation
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -130,7 +130,7 @@ def written(path: Path, vertices: Array, faces: Indices) -> Mesh:
     lines = [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in vertices.tolist()]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces.tolist()]
     path.write_text("\n".join(lines))
-    return mesh_form(path)
+    return load_mesh(path)
 
 
 @pytest.mark.parametrize("sides", [24, 160])

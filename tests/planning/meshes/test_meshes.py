@@ -15,9 +15,9 @@ from trimesh.creation import annulus, box, icosphere
 from planning import caches
 from planning.cell.shape import Mesh
 from planning.errors import ShapeError
-from planning.meshes import mesh_form as module
+from planning.meshes import mesh_loading as module
 from planning.meshes.convex_pieces import _outside
-from planning.meshes.mesh_form import mesh_form
+from planning.meshes.mesh_loading import load_mesh
 from planning.meshes.prisms import prism_pieces
 from planning.transforms import Array, Indices, from_rpy
 
@@ -26,7 +26,7 @@ from planning.transforms import Array, Indices, from_rpy
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(caches, "LEAST_SECONDS_TO_CACHE", 0.0)
-    monkeypatch.setattr(module, "_FORMS", caches.BoundedCache(64))
+    monkeypatch.setattr(module, "_LOADED", caches.BoundedCache(64))
 
 
 def written(mesh: trimesh.parent.Geometry, path: Path) -> Path:
@@ -73,7 +73,7 @@ def beyond(form: Mesh, points: Array) -> float:
 def test_convex_bodies_are_their_hulls(
     mesh: trimesh.Trimesh, pieces: int, suffix: str, tmp_path: Path
 ) -> None:
-    form = mesh_form(written(mesh, tmp_path / f"part{suffix}"))
+    form = load_mesh(written(mesh, tmp_path / f"part{suffix}"))
     assert len(form.hulls) == pieces
     assert len(form.faces) == len(mesh.faces)
     assert form.volume == pytest.approx(mesh.volume, rel=1e-4)
@@ -87,7 +87,7 @@ def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(
 ) -> None:
     mesh = ring()
     file = written(mesh, tmp_path / "ring.stl")
-    form = mesh_form(file)
+    form = load_mesh(file)
     points = trimesh.sample.sample_surface(mesh, 3000, seed=7)[0]
     assert beyond(form, points) <= form.missed + 2e-5
     assert form.missed <= 1e-5
@@ -101,17 +101,17 @@ def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(
         raise AssertionError("cut again")
 
     monkeypatch.setattr(module, "cut_convex", never)
-    monkeypatch.setattr(module, "_FORMS", caches.BoundedCache(64))
-    again = mesh_form(written(mesh, tmp_path / "copy.stl"))
+    monkeypatch.setattr(module, "_LOADED", caches.BoundedCache(64))
+    again = load_mesh(written(mesh, tmp_path / "copy.stl"))
     for one, other in zip(form.hulls, again.hulls, strict=True):
         np.testing.assert_array_equal(one, other)
     with pytest.raises(AssertionError, match="cut again"):
-        mesh_form(file, within=0.004)
+        load_mesh(file, within=0.004)
 
 
 def test_millimetres_and_holes(tmp_path: Path) -> None:
     big = with_holes(icosphere(2, 25.0), 3, 150, 300)
-    form = mesh_form(written(big, tmp_path / "mm.stl"), 0.001)
+    form = load_mesh(written(big, tmp_path / "mm.stl"), 0.001)
     assert len(form.hulls) == 1
     np.testing.assert_allclose(np.ptp(form.vertices, axis=0), 0.05, rtol=0.02)
     whole = icosphere(2, 0.025).volume
@@ -119,7 +119,7 @@ def test_millimetres_and_holes(tmp_path: Path) -> None:
 
 
 def test_an_open_ring_is_closed(tmp_path: Path) -> None:
-    form = mesh_form(written(with_holes(ring(), 5, 17), tmp_path / "open.stl"))
+    form = load_mesh(written(with_holes(ring(), 5, 17), tmp_path / "open.stl"))
     assert len(form.hulls) < 30
     points = trimesh.sample.sample_surface(ring(), 2000, seed=2)[0]
     assert beyond(form, points) <= 1e-3
@@ -127,7 +127,7 @@ def test_an_open_ring_is_closed(tmp_path: Path) -> None:
 
 def test_a_fine_ball_has_few_corners_around_it(tmp_path: Path) -> None:
     mesh = icosphere(5, 0.02)
-    form = mesh_form(written(mesh, tmp_path / "fine.stl"))
+    form = load_mesh(written(mesh, tmp_path / "fine.stl"))
     (hull,) = form.hulls
     assert len(hull) < 200
     assert beyond(form, mesh.vertices) <= 1e-5
@@ -180,7 +180,7 @@ def test_useless_files_are_named_with_a_remedy(
     if content is not None:
         file.write_bytes(content)
     with pytest.raises(ShapeError, match=words):
-        mesh_form(file)
+        load_mesh(file)
 
 
 @pytest.mark.parametrize("kind", ["stl_ascii", "obj"])
@@ -192,7 +192,7 @@ def test_names_in_any_encoding_do_no_harm(kind: str, tmp_path: Path) -> None:
     _, rest = text.encode().split(b"\n", 1)
     file = tmp_path / ("a.stl" if kind == "stl_ascii" else "a.obj")
     file.write_bytes(named + b"\n" + rest)
-    assert mesh_form(file).volume == pytest.approx(0.006)
+    assert load_mesh(file).volume == pytest.approx(0.006)
 
 
 @pytest.mark.parametrize(
@@ -212,13 +212,13 @@ def test_sizes_that_nothing_has_are_refused(
 ) -> None:
     file = written(box((edge,) * 3), tmp_path / "cube.stl")
     with pytest.raises(ShapeError, match=words):
-        mesh_form(file, scale)
+        load_mesh(file, scale)
     if edge > 1.0:
-        assert mesh_form(file, 1.0).volume == pytest.approx(edge**3)
+        assert load_mesh(file, 1.0).volume == pytest.approx(edge**3)
     missing = np.array([[np.nan, 0, 0], [1, 0, 0], [0, 1, 0]])
     file.write_bytes(stl(missing))
     with pytest.raises(ShapeError, match=r"cube\.stl .*export it again"):
-        mesh_form(file)
+        load_mesh(file)
 
 
 def test_too_many_pieces_ask_for_a_coarser_cut(tmp_path: Path) -> None:
@@ -232,7 +232,7 @@ def test_too_many_pieces_ask_for_a_coarser_cut(tmp_path: Path) -> None:
     with pytest.raises(
         ShapeError, match=r"grid\.stl: .*294 convex pieces, more than 256"
     ):
-        mesh_form(file)
+        load_mesh(file)
 
 
 @given(st.integers(0, 2**20), st.integers(1, 5), st.integers(1, 5))

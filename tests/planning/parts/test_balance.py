@@ -47,7 +47,7 @@ def balance(found: PartAssembly) -> PartBalance:
 def test_a_cantilever_is_refused_with_the_step_the_part_and_what_helps() -> None:
     found = balance(assembly("post", "beam", "prop", "load"))
     with pytest.raises(InfeasibleStepError) as caught:
-        found.stand()
+        found.stable_build()
     text = str(caught.value)
     assert text.startswith(
         "step 2 (pick and place beam): beam would not stand after it"
@@ -59,7 +59,7 @@ def test_a_cantilever_is_refused_with_the_step_the_part_and_what_helps() -> None
 
 
 def test_what_is_propped_waits_for_its_prop() -> None:
-    waits = balance(assembly("post", "prop", "beam", "load")).stand().waits
+    waits = balance(assembly("post", "prop", "beam", "load")).stable_build().waits
     # The beam touches the prop and waits for it anyway; nothing more is needed.
     assert waits == frozenset()
 
@@ -81,7 +81,7 @@ def test_what_a_later_step_joins_is_kept_hold_of_until_then() -> None:
     )
     found = balance(assembly("post", "beam", "prop", rules=late))
     assert found.fall is None
-    assert found.stand().keeps == {1: 2}
+    assert found.stable_build().keeps == {1: 2}
 
 
 def test_an_order_is_found_in_which_everything_stands() -> None:
@@ -101,7 +101,7 @@ def test_what_touches_nothing_may_stand_where_it_is_joined() -> None:
         part_steps(CELL, free)
     joints = (Joint("table", "post"), Joint("post", "beam", gap=0.02))
     joined = replace(free, balance=replace(RULES, joints=joints))
-    assert balance(joined).stand().waits == {(0, 1)}
+    assert balance(joined).stable_build().waits == {(0, 1)}
 
 
 SIZES = {"post": (0.1, 0.1, 0.1), "bar": (0.4, 0.04, 0.04), "tie": (0.04, 0.04, 0.04)}

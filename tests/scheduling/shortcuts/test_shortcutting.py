@@ -32,8 +32,8 @@ from scheduling.shortcuts.rewiring import Swap, splice_edges
 from scheduling.shortcuts.shortcut_search import ShortcutSearch
 from scheduling.shortcuts.shortcutting import (
     critical_conflict_nodes,
-    runs_beside_waits,
     shorten_tpg,
+    spans_beside_waits,
 )
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import (
@@ -396,11 +396,11 @@ def test_waits_are_conflicts_that_the_makespan_hangs_on(robots: int, seed: int) 
         assert makespan(alone) == pytest.approx(makespan(tpg))
 
 
-def test_runs_beside_waits_hold_the_node_that_waits_or_is_waited_for() -> None:
+def test_spans_beside_waits_hold_the_node_that_waits_or_is_waited_for() -> None:
     plan = random_plan(3, 8, rounds=10)
     speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
     board = ShortcutSearch(build_tpg(plan), speeds, 0.15)
-    beside, ends = runs_beside_waits(board), set(critical_conflict_nodes(board.graph))
+    beside, ends = spans_beside_waits(board), set(critical_conflict_nodes(board.graph))
     assert beside
     for which, node in beside:
         span = board.spans[which]

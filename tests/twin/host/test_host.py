@@ -8,7 +8,7 @@ import trimesh
 import typer
 from numba import njit
 
-from planning.meshes.mesh_form import mesh_form
+from planning.meshes.mesh_loading import load_mesh
 from tests.twin.program import python
 from twin.drawing.pictures import wrap_name
 from twin.host.guard import ExitCode, guarded
@@ -88,12 +88,12 @@ def test_meshes_that_take_long_are_announced_when_they_are_cut(
         ball.export(tmp_path / f"{name}.stl")
     said = "cutting large.stl into convex pieces, once ...\n"
     with StageDisplay() as display, show_compilation(display, silent=False):
-        mesh_form(tmp_path / "small.stl")
+        load_mesh(tmp_path / "small.stl")
         assert capfd.readouterr() == ("", "")
-        mesh_form(tmp_path / "large.stl")
+        load_mesh(tmp_path / "large.stl")
         assert capfd.readouterr() == ("", said)
-        mesh_form(tmp_path / "large.stl")
-    mesh_form(tmp_path / "large.stl", 2.0)
+        load_mesh(tmp_path / "large.stl")
+    load_mesh(tmp_path / "large.stl", 2.0)
     assert capfd.readouterr() == ("", "")
 
 

@@ -24,7 +24,7 @@ from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
 from twin.rerun.camera import camera, camera_looking_at, site_points
 from twin.rerun.event_rows import long_waits
-from twin.rerun.plan_words import PlanWords
+from twin.rerun.plan_descriptions import PlanDescriptions
 from twin.runs.events import Event
 from twin.runs.execution_record import ExecutionRecord, Policy
 
@@ -313,7 +313,7 @@ def test_tasks_name_part_and_step() -> None:
         Task(k, "robot_0", kind, step, label, PATH, object=part)
         for k, (label, kind, step, part) in enumerate(SAID)
     )
-    words = PlanWords(replace(two_robot_tpg([]), tasks=tasks))
+    words = PlanDescriptions(replace(two_robot_tpg([]), tasks=tasks))
     assert [words.task(k) for k in range(len(tasks))] == list(SAID.values())
     assert words.task(-1) == words.task(len(tasks)) == ""
     assert words.state(STALLED, 0) == "stalled: pick b1 (step 1/3)"
@@ -324,7 +324,7 @@ def test_tasks_name_part_and_step() -> None:
 
 
 def test_waits_name_robot_and_task_until_it_is_complete() -> None:
-    words = PlanWords(two_robot_tpg([(0, 0, 1, 1), (0, 2, 1, 1)]))
+    words = PlanDescriptions(two_robot_tpg([(0, 0, 1, 1), (0, 2, 1, 1)]))
     done = {(0, 0)}
     assert words.wait(1, 1, lambda *node: node in done) == (
         "waits for robot_0: transit 0 (step 1/1)"

@@ -12,7 +12,7 @@ import twin
 from planning.cell.differences import cell_differences
 from planning.errors import OutputError, ScenarioError
 from tests.twin.program import invoke
-from twin.beginnings.beginning import TEMPLATE, begin_scenario
+from twin.beginnings.beginning import TEMPLATE, create_scenario
 from twin.document.yaml_text import read_yaml
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.shipped import scenario_path, shipped_scenarios
@@ -39,7 +39,7 @@ def test_a_copy_of_each_is_whole_wherever_it_is(name: str, tmp_path: Path) -> No
     original = twin.load(name)
     assert original.sections.description
     assert original.name == name
-    copied = twin.load(begin_scenario(tmp_path / "copy", name))
+    copied = twin.load(create_scenario(tmp_path / "copy", name))
     sections = copied.sections.model_copy(update={"name": original.name})
     assert sections == original.sections
     files = [path for path in copied.folder.rglob("*") if path.is_file()]
@@ -62,7 +62,7 @@ def test_a_copy_of_each_is_whole_wherever_it_is(name: str, tmp_path: Path) -> No
 )
 def test_a_copy_of_each_is_of_the_same_cell(name: str, tmp_path: Path) -> None:
     original = twin.load(name)
-    copied = twin.load(begin_scenario(tmp_path / "copy", name))
+    copied = twin.load(create_scenario(tmp_path / "copy", name))
     cells = (build_workcell(own.sections, own.folder) for own in (original, copied))
     assert not cell_differences(*cells)
 
@@ -77,13 +77,13 @@ def test_a_name_is_a_scenario_unless_there_is_such_a_file(
     assert scenario_path(Path("cliff")) == Path("cliff")
     with pytest.raises(ScenarioError, match=r"no scenario of this name .*tower"):
         scenario_path(Path("clif"))
-    own = begin_scenario(Path("own"))
+    own = create_scenario(Path("own"))
     assert scenario_path(Path("own")) == own
 
 
 @pytest.mark.parametrize("name", ["tray", "cliff", "wall"])
 def test_a_copy_is_valid_and_named_after_its_place(name: str, tmp_path: Path) -> None:
-    file = begin_scenario(tmp_path / "my-cell", name)
+    file = create_scenario(tmp_path / "my-cell", name)
     assert file == tmp_path / "my-cell/scenario.yaml"
     found = twin.load(file)
     assert found.name == "my-cell"
@@ -91,43 +91,43 @@ def test_a_copy_is_valid_and_named_after_its_place(name: str, tmp_path: Path) ->
     assert found.sections.model_copy(update={"name": name}) == original
     schema = json.loads((tmp_path / "my-cell/scenario.schema.json").read_text())
     assert set(read_yaml(file, file.read_text()).data) <= set(schema["properties"])
-    single = begin_scenario(tmp_path / "other.yaml", name)
+    single = create_scenario(tmp_path / "other.yaml", name)
     assert twin.load(single).name == "other"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["my-cell", "other.yaml"]
 
 
 def test_files_that_a_scenario_names_may_be_there_already(tmp_path: Path) -> None:
-    begin_scenario(tmp_path / "board", "taskboard")
-    begin_scenario(tmp_path / "board/second.yaml", "taskboard")  # the same file
+    create_scenario(tmp_path / "board", "taskboard")
+    create_scenario(tmp_path / "board/second.yaml", "taskboard")  # the same file
     (tmp_path / "other").mkdir()
     (tmp_path / "other/driver.urdf").write_text("<robot/>")
     with pytest.raises(OutputError, match=r"driver\.urdf: is there already"):
-        begin_scenario(tmp_path / "other", "taskboard")
+        create_scenario(tmp_path / "other", "taskboard")
 
 
 def test_what_cannot_be_a_name_leaves_the_name(tmp_path: Path) -> None:
     for place in ("2nd cell.yaml", "null.yaml", "12.yaml", f"{65 * 'x'}.yaml"):
-        assert twin.load(begin_scenario(tmp_path / place)).name == TEMPLATE
+        assert twin.load(create_scenario(tmp_path / place)).name == TEMPLATE
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("mine")
     with pytest.raises(OutputError, match="is there already"):
-        begin_scenario(tmp_path / "mine.yaml")
+        create_scenario(tmp_path / "mine.yaml")
     assert (tmp_path / "mine.yaml").read_text() == "mine"
     (tmp_path / "driver.urdf").write_text("mine")
     with pytest.raises(OutputError, match=r"driver.urdf: is there already"):
-        begin_scenario(tmp_path / "board.yaml", "taskboard")
+        create_scenario(tmp_path / "board.yaml", "taskboard")
     assert not (tmp_path / "board.yaml").exists()
     (tmp_path / "scenario.schema.json").write_text("{}")
-    begin_scenario(tmp_path)
+    create_scenario(tmp_path)
     assert (tmp_path / "scenario.schema.json").read_text() == "{}"
     invoke("init", tmp_path, code=2)
     invoke("init", tmp_path / "mine.yaml" / "x", code=2)
 
 
 def test_the_template_is_planned_and_audited_without_a_word(tmp_path: Path) -> None:
-    file = begin_scenario(tmp_path / "cell")
+    file = create_scenario(tmp_path / "cell")
     found = twin.check(file)
     assert found.report.findings == ()
     assert len(found.scenario.robots) == 2

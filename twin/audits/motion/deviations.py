@@ -1,4 +1,4 @@
-"""Execution records in which tools deviate from their reference paths during skills, as under force control."""
+"""Execution records modified such that tools deviate from their reference paths in skills, as under force control."""
 
 from __future__ import annotations
 

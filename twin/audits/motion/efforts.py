@@ -1,4 +1,4 @@
-"""Joint efforts of an executed run, computed by inverse dynamics including held objects.
+"""Joint efforts in an executed run, computed by inverse dynamics including held objects.
 
 The module also computes the speeds of tools that have a speed limit.
 """

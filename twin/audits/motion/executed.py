@@ -1,6 +1,6 @@
 """Executed motions and object poses of a run, read from ``trajectory.parquet`` and ``objects.parquet`` only.
 
-``ReplayedRun`` gives the place of each object at any time. All rules of the audit use it.
+``ReplayedRun`` returns the location of each object at any time. All rules of the audit use it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _SAMPLE_S = 0.01
 
 @dataclass(frozen=True)
 class RobotRows:
-    """The rows of one robot: straight lines in joint space join them, or cubics in time.
+    """The rows of one robot, joined by straight lines in joint space, or by cubic polynomials in time.
 
     Attributes:
         t: times, shape (k,), non-decreasing [s].

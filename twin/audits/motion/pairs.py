@@ -1,6 +1,6 @@
 """Pairs of collision shapes that may come close to each other during an interval of a run.
 
-For each pair, the module lists the pieces of motion in which the two shapes may be close.
+For each pair, the module lists the motion segments during which the two shapes may be close.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SLACK = 1e-4
 
 @dataclass(frozen=True)
 class ClosePair:
-    """Two shapes, and the pieces of their motions in which they may come near each other.
+    """Two shapes, and the segments of their motions in which they may come close to each other.
 
     Attributes:
         a, b: the shapes.

@@ -1,6 +1,6 @@
 """Cross-check of the collision audit: PyBullet must find no overlap that the library coal did not find.
 
-It is done at samples of the run only.
+Only samples of the run are checked.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Division of a run into intervals between object transfers, with samples of all robot motions.
+"""Division of a run into time intervals in which no object changes hands, with samples of all robot motions.
 
 No point of a robot or its load moves farther than ``STEP`` between two samples.
 """
@@ -34,7 +34,7 @@ _ATTEMPTS = 6
 
 @dataclass(frozen=True)
 class RunStretch:
-    """A stretch of a run.
+    """A time interval of a run.
 
     Attributes:
         t: times of the samples, shape (m,), the ends included [s].

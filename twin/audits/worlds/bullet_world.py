@@ -1,9 +1,9 @@
 """A copy of the cell in PyBullet, for cross-checks of the audit with a library that the planner does not use.
 
-Bullet adds a margin to every shape. It is set to zero for single shapes, and corrected in the distances of robot
-shapes. Then distances of Bullet and coal on the same shapes differ by at most 0.04 mm (measured on boxes, cylinders
-and hulls of meshes, with overlaps up to 4 mm). In 1 of 3000 random placements of overlapping hulls, the error of
-Bullet's penetration solver was larger.
+Bullet adds a collision margin to every shape. The margin is set to zero for single shapes, and subtracted from the
+distances of robot shapes. Distances of Bullet and coal on the same shapes then differ by at most 0.04 mm. This
+was measured on boxes, cylinders and convex hulls of meshes, with overlaps up to 4 mm. In 1 of 3000 random
+placements of overlapping hulls, the error of Bullet's penetration solver was larger.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from twin.audits.worlds.world import (
     convex_forms,
 )
 
-with silence_output():  # it greets on standard error
+with silence_output():  # prints a greeting to standard error
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
@@ -44,14 +44,14 @@ _INERTIAL = (
     '<inertial><mass value="1"/>'
     '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 )
-"""At a link's origin: Bullet's frame of the link is then that of the URDF."""
+"""Mass at the origin of a link: Bullet's frame of the link is then that of the URDF."""
 
 
 class BulletWorld:
-    """A PyBullet world without dynamics, for distances between bodies that are posed.
+    """A PyBullet world without dynamics, for distances between bodies in given poses.
 
     Args:
-        world: world with the same shapes: robots are read again from URDF files.
+        world: audit world with the same shapes; robots are loaded again from URDF files.
 
     Raises:
         RobotModelError: a description cannot be read, or has other joints.
@@ -63,10 +63,10 @@ class BulletWorld:
         # A description that changed on disk must not be taken from the cache.
         self._bullet.setPhysicsEngineParameter(enableFileCaching=0)
         cell = world.cell
-        # Of each robot its body, and Bullet's numbers of the joints that move.
+        # Body of each robot, and Bullet's numbers of its moving joints.
         self._arms = [self._load(robot) for robot in cell.robots]
         links = [self._links_of(body) for body, _ in self._arms]
-        # Bullet's numbers of body and link of each shape, by its number: links are looked at whole.
+        # Bullet's numbers of body and link by number of the shape. Distances are those of whole links.
         self._known: dict[int, tuple[int, int]] = {}
         self._placed: dict[int, Transform] = {}
         for shape in world.robot_shapes:
@@ -112,7 +112,7 @@ class BulletWorld:
         (body_a, link_a), (body_b, link_b) = (self._known[s.number] for s in (a, b))
         margin = MARGIN * ((a.robot is not None) + (b.robot is not None))
         points = self._bullet.getClosestPoints(body_a, body_b, reach, link_a, link_b)
-        # What is nearer before margins are made up for may be beyond reach.
+        # With the margins added, the distance may be beyond reach.
         return float(min([reach, *(point[8] + margin for point in points)]))
 
     def place(self, item: WatchedShape, pose: Transform) -> None:
@@ -191,18 +191,18 @@ class BulletWorld:
         else:
             number = create(pybullet.GEOM_MESH, vertices=form.tolist())
         body: int = self._bullet.createMultiBody(0, number)
-        # What is left of the margins of round forms is made up for when they are measured.
+        # Round forms keep a part of their margin, which Bullet takes into account when it measures.
         self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
         return body
 
 
 def _description(model: RobotModel) -> str:
-    """Return a robot's URDF with whole file names, for Bullet.
+    """Return a robot's URDF for Bullet, with absolute file names and enlarged shapes.
 
-    Bullet inflates the hulls of meshes by its margin, and rounds the edges of boxes and cylinders
-    off with it. So these are made larger by it: what Bullet then measures is the distance of the
-    sharp form less the margin, for them as for hulls. The radius of a sphere is its margin, and is
-    made larger too.
+    Bullet inflates the hulls of meshes by its margin, but rounds the edges of boxes and cylinders off
+    within them. Boxes and cylinders are therefore enlarged by the margin: Bullet then measures the
+    distance of the sharp form less the margin, as for hulls. Bullet takes the radius of a sphere as
+    its margin; spheres are enlarged, too.
     """
     try:
         robot = ElementTree.parse(model.urdf).getroot()
@@ -229,6 +229,6 @@ def _description(model: RobotModel) -> str:
                         choices=tuple(map(str, model.package_dirs)),
                     )
                 mesh.set("filename", str(found.resolve()))
-    # Bullet breaks lines of more than 8 kB, even within a word.
+    # Bullet splits lines longer than 8 kB, even within a word; indenting makes them short.
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding="unicode")

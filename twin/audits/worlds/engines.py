@@ -25,7 +25,7 @@ INSTALL = "pip install 'assembly-twin[audit]'" + (
 
 
 def engine_named(name: str | None) -> Engine:
-    """Return the engine of a name; without one PyBullet where it is installed, else coal.
+    """Return the engine with a given name; by default PyBullet if it is installed, else coal.
 
     Raises:
         RequestError: there is no such engine, or it is not installed.

@@ -1,4 +1,4 @@
-"""A copy of the cell in which the audit poses collision shapes and measures their distances."""
+"""A copy of the cell, in which the audit places collision shapes and measures their distances."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BASE = -1
 
 
 FAR = 10.0
-"""Reach of measurements that look for whatever is nearest [m]."""
+"""Greatest distance in searches for the nearest shape [m]."""
 
 
 _WALL = 1.0
@@ -41,13 +41,13 @@ class WatchedShape:
         entity: the name allowed contacts use, which several shapes may share:
             ``"<robot>/arm"``, ``"<robot>/tool"``, a fixture or an object.
         detail: the link it belongs to, or the entity again.
-        number: its index in the world.
+        number: its index in the audit world.
         robot: index of its robot, None for fixtures and objects.
         joint: index of the joint that moves it, -1 for a robot's base.
         centre: of a sphere around it, in the frame of the link moved by ``joint`` (the origin
             for fixtures and objects), shape (3,) [m].
         radius: of that sphere [m].
-        half: half edges of a box around it with the same centre, shape (3,) [m].
+        half: half edge lengths of a box around it with the same centre, shape (3,) [m].
         turn: rotation of that box, in the same frame, shape (3, 3).
         local: pose of its frame in that of the fixture or object, where they are not the same.
     """
@@ -94,7 +94,7 @@ class AuditWorld:
             placed.name: robot.limits
             for placed, robot in zip(cell.robots, self.robots, strict=True)
         }
-        # coal's shapes and poses by number; None for a robot's whose pose is not needed yet.
+        # Shapes and poses of coal by number; None for shapes of robots whose poses are computed later.
         self._geometries: list[Any] = []
         self._poses: list[Any] = []
         self.robot_shapes = [
@@ -109,10 +109,14 @@ class AuditWorld:
         self._q = [robot.home for robot in cell.robots]
         self._frames: list[list[Any] | None] = [None] * len(self.robots)
         self.fixtures = [
-            item for f in cell.fixtures for item in self._thing(f.name, f.shape, f.pose)
+            item
+            for f in cell.fixtures
+            for item in self._shapes_of(f.name, f.shape, f.pose)
         ]
         self.objects = [
-            item for o in cell.objects for item in self._thing(o.name, o.shape, o.start)
+            item
+            for o in cell.objects
+            for item in self._shapes_of(o.name, o.shape, o.start)
         ]
         around = np.zeros(3), _WALL, np.full(3, 0.5 * _WALL), np.eye(3)
         number = self._add(coal.Box(_WALL, _WALL, _WALL))
@@ -215,17 +219,17 @@ class AuditWorld:
             self._poses[item.number] = pose
         return pose
 
-    def _thing(
+    def _shapes_of(
         self, name: str, made_of: Shape, pose: Transform
     ) -> Iterator[WatchedShape]:
         """Yield the shapes of a fixture or an object, placed.
 
-        They are its forms as they are, not planning's pieces. Only meshes are what planning cut
-        them into: no library measures how deep two hollow things overlap. That their pieces
-        contain them is checked where they are cut.
+        Primitives are exact, not the pieces that planning uses. Meshes are represented by the convex pieces of
+        planning, since no library measures the depth of an overlap of two concave bodies. Whether these pieces
+        contain the mesh is checked when they are made.
         """
         for form, local in convex_forms(made_of):
-            half, radius = _box_and_ball(form)
+            half, radius = _bounding_box_and_sphere(form)
             around = np.zeros(3), radius, half, np.eye(3)
             number = self._add(_geometry(form))
             item = WatchedShape(name, name, number, None, BASE, *around, local)
@@ -246,8 +250,8 @@ def convex_forms(made_of: Shape) -> Iterator[tuple[Convex, Transform | None]]:
             yield form, None if np.array_equal(pose, np.eye(4)) else pose
 
 
-def _box_and_ball(form: Convex) -> tuple[Array, float]:
-    """Return half edges of the box, shape (3,), and the radius of the sphere around a form [m]."""
+def _bounding_box_and_sphere(form: Convex) -> tuple[Array, float]:
+    """Return half edge lengths of the bounding box, shape (3,), and the radius of the bounding sphere [m]."""
     if isinstance(form, np.ndarray):
         half = np.abs(form).max(axis=0)
         return half, float(np.linalg.norm(form, axis=1).max())
@@ -279,8 +283,8 @@ def shapes_by_entity(shapes: Iterable[WatchedShape]) -> dict[str, list[WatchedSh
 def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
     """Return pairs of a robot's own shapes (indices of ``robot_shapes``) that are not checked.
 
-    Shapes of one link or of neighbouring links touch by design. Shapes that overlap at HOME,
-    which is free of collisions, only do so because hulls are larger than what they contain.
+    Shapes of one link or of neighbouring links touch by design. HOME is free of collisions, so shapes that overlap
+    there do so only because hulls are larger than their contents.
     """
     for index, robot in enumerate(world.cell.robots):
         world.configure(index, robot.home)

@@ -1,4 +1,4 @@
-"""Writing of MCAP files with ROS 2 messages."""
+"""Writer of MCAP log files with ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ROSBAG2 = {"serialized_metadata": "", "ROS_DISTRO": "humble"}
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic.
+    """A ROS topic.
 
     Attributes:
         name: its name.

@@ -1,4 +1,4 @@
-"""Definitions of the exported ROS 2 messages, as MCAP files must contain them."""
+"""Definitions of the exported ROS 2 message types as text, as MCAP files must contain them."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
-"""Robots for drawing: kinematic chains of links with their triangle meshes.
+"""Robot models for visualization: links, joints and triangle meshes.
 
 Each robot of a team has its own colour.
 """
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,7 +45,7 @@ class DrawnBody:
 
     Attributes:
         link: name of the link.
-        corners: three rows a triangle, in the frame of the link, shape (3 k, 3) [m].
+        corners: three rows per triangle, in the frame of the link, shape (3 k, 3) [m].
         colour: red, green, blue and opacity, 0 to 1.
     """
 
@@ -77,12 +76,9 @@ def drawn_robot(robot: PlacedRobot, colour: tuple[int, int, int]) -> DrawnRobot:
         robot: the robot.
         colour: red, green and blue, 0 to 255.
     """
-    tree = painted_description(robot, colour)
-    _leave_out_lost(tree.getroot())
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "robot.urdf"
-        tree.write(path)
-        model, shown = _read(path, robot)
+    description = painted_description(robot, colour).getroot()
+    _leave_out_lost(description)
+    model, shown = _read(description, robot)
     links = []
     carriers = [""] * (robot.model.dof + 1)
     poses: dict[str, Transform] = {}
@@ -106,15 +102,16 @@ def drawn_robot(robot: PlacedRobot, colour: tuple[int, int, int]) -> DrawnRobot:
     return DrawnRobot(tuple(carriers), tuple(links), tuple(bodies))
 
 
-def _read(path: Path, robot: PlacedRobot) -> tuple[Any, Any]:
-    """Return kinematic model and visual geometry, reduced to the moved joints."""
-    model = pinocchio.buildModelFromUrdf(str(path))
+def _read(description: Element, robot: PlacedRobot) -> tuple[Any, Any]:
+    """Return kinematic model and visual geometry of a URDF, reduced to the moved joints."""
+    text = ElementTree.tostring(description, encoding="unicode")
+    model = pinocchio.buildModelFromXML(text)
     kind = pinocchio.GeometryType.VISUAL
-    shown = pinocchio.buildGeomFromUrdf(model, str(path), kind)
+    shown = pinocchio.buildGeomFromUrdfString(model, text, kind)
     moved = set(robot.model.joint_names)
     others = [name for name in model.names[1:] if name not in moved]
     if others:
-        known = written_options(ElementTree.parse(path).getroot())
+        known = written_options(description)
         held = (known or ROBOTS[robot.model.name]).frozen
         still = pinocchio.neutral(model)
         for name in others:

@@ -1,4 +1,4 @@
-"""Coordinate frames of robot links and objects in a run, as translations and quaternions."""
+"""Poses of robot links and objects over the time of a run, as translations and quaternions."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Export of a run as an MCAP file with joint states, frames, trajectories and markers.
 
-Times start from 0 at the start of the run. Messages of moving robots and objects have a given rate. All messages are
+Time 0 is the start of the run. Messages of moving robots and objects have a given rate. All messages are
 repeated once a second for late subscribers, until one minute after the last motion.
 """
 

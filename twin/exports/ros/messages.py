@@ -1,4 +1,4 @@
-"""Encoding of the exported ROS 2 messages."""
+"""Encoding of the exported ROS 2 messages to bytes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NOTHING = np.empty((0, 3))
 
 @dataclass(frozen=True, eq=False)
 class FramePose:
-    """Pose of a frame in another one.
+    """Pose of a frame in its parent frame.
 
     Attributes:
         parent, child: their names.
@@ -48,7 +48,7 @@ class Marker:
         frame: its name.
         space: name that identifies the marker together with its number.
         number: of the marker.
-        corners: three rows a triangle, in the frame, shape (3 k, 3) [m].
+        corners: three rows per triangle, in the frame, shape (3 k, 3) [m].
         colour: of all of them.
     """
 
@@ -115,18 +115,18 @@ def marker_array(markers: Sequence[Marker]) -> bytes:
 
 
 def _write(out: CdrMessage, marker: Marker, action: int) -> None:
-    # A stamp of 0 means: wherever the frame is at the time that is looked at.
+    # With a stamp of 0 the viewer uses the pose of the frame at the time that it shows.
     out.header(0, marker.frame)
     out.string(marker.space)
     out.numbers("i", marker.number, _TRIANGLE_LIST, action)
     out.float64(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))  # pose
     out.float64(np.ones(3))  # scale
     out.numbers("f", *marker.colour)
-    out.time(0)  # for good
+    out.time(0)  # lifetime: unlimited
     out.numbers("B", True)  # locked to its frame
     out.count(len(marker.corners))
     out.float64(marker.corners)
-    out.count(0)  # colours of single corners
+    out.count(0)  # colours per corner
     out.string("")  # texture: resource, image, coordinates
     out.header(0, "")
     out.string("")

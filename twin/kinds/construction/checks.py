@@ -1,4 +1,4 @@
-"""Checks of constructions: infeasibility, shown by lower bounds of the planner, and robots without work."""
+"""Checks of assembly kind ``construction``: infeasibility by lower bounds, and robots that can handle no part."""
 
 from __future__ import annotations
 

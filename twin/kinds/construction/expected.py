@@ -1,4 +1,4 @@
-"""Expected results of a construction for the audit: goal poses of parts, and how parts are held there."""
+"""Expected results of a construction for the audit: goal poses of parts, and the joints that hold them there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kind ``construction``: converts its scenario section to planning data, and plans the motions."""
+"""Assembly kind ``construction``: converts its scenario section to planning data, and plans the motions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
 from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Array, Transform, read_only_copy
-from twin.document.validation import Found, check_known_name
+from twin.document.validation import Problems, check_known_name
 from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.kinds.construction.section import ConstructionSection, ModelSection
@@ -79,7 +79,7 @@ class ConstructionKind(AssemblyKind):
 
         return "the floor" if name == GROUND else None
 
-    def problems(self, cell: CellSection) -> Found:
+    def problems(self, cell: CellSection) -> Problems:
         """Yield invalid joints: of unknown parts, or of a part with itself."""
         from planning.construction.problem.site import GROUND
 

@@ -1,4 +1,4 @@
-"""Scenario section of kind ``construction``: a model or listed parts, built by mobile robots."""
+"""Scenario section of assembly kind ``construction``: a structure of parts, given by a model or a list."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.document.section import Name, Section, Several, Two
+from twin.document.section import Name, PairOf, Section, Several
 from twin.kinds.statics import BalanceSection, JoinedParts
 from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import (
@@ -20,7 +20,7 @@ from twin.scenario.sections.shapes import (
 
 Length = Annotated[float, Field(ge=0.001, le=100)]
 Face = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-Pair = Two[Length]
+Pair = PairOf[Length]
 
 
 class TowerSection(Section):
@@ -173,7 +173,7 @@ class RowsSection(Section):
     """
 
     layout: Literal["rows"]
-    first_m: Two[Coordinate]
+    first_m: PairOf[Coordinate]
     columns: Annotated[int, Field(ge=1, le=1000)]
     pitch_m: Pair
     yaw_deg: Coordinate = 0.0

@@ -1,4 +1,4 @@
-"""Checks of kind ``goals``: unreachable goal poses."""
+"""Checks of assembly kind ``goals``: unreachable goal poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kind ``goals``: converts its scenario section to goal configurations and poses for planning."""
+"""Assembly kind ``goals``: converts its scenario section to goal configurations and poses for planning."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import ScenarioError
 from planning.transforms import read_only_copy
-from twin.document.validation import Found, check_known_name
+from twin.document.validation import Problems, check_known_name
 from twin.host.progress import StageWatch
 from twin.kinds.goals.section import GoalsSection, MoveSection
 from twin.scenario.sections.cell import CellSection
@@ -42,7 +42,7 @@ class GoalsKind(AssemblyKind):
         """Return that nothing is built."""
         return "no parts"
 
-    def problems(self, cell: CellSection) -> Found:
+    def problems(self, cell: CellSection) -> Problems:
         """Yield moves of unknown robots."""
         names = tuple(robot.name for robot in cell.robots)
         for k, move in enumerate(self.section.moves):

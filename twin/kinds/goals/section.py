@@ -1,4 +1,4 @@
-"""Scenario section of kind ``goals``: a sequence of robot motions to goals."""
+"""Scenario section of assembly kind ``goals``: a sequence of robot motions to goals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of LEGO tools: contact with held and supported bricks, with the tolerances of the audit."""
+"""Checks of LEGO tools: contact with bricks that they hold or support, with the same tolerances as in the audit."""
 
 from __future__ import annotations
 

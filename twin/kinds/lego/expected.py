@@ -1,4 +1,4 @@
-"""Expected results of a LEGO assembly for the audit: goals, supported steps, and temporary bricks."""
+"""Expected results of a LEGO assembly for the audit: brick goals, steps with a supporting robot, temporary bricks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.scenario.sections.cell import CellSection
 
 
 def expectations_of(kind: LegoKind, _cell: CellSection) -> Expectations:
-    """Return the goals of all bricks, which any brick of the type may fill, and the supported steps."""
+    """Return the goals of all bricks, each for any brick of its type, and the steps with a supporting robot."""
     section = kind.section
     rules, assembly = section.rules, build_lego(section)
     places = [

@@ -1,4 +1,4 @@
-"""Kind ``lego``: converts its scenario section to planning data, and adds brick colours to motions."""
+"""Assembly kind ``lego``: converts its scenario section to planning data, and gives planned motions brick colours."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from planning.lego.bricks.assembly import (
     StockBrick,
 )
 from planning.progress import Progress, no_progress
-from twin.document.validation import Found
+from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 from twin.host.progress import StageWatch
 from twin.kinds.lego.section import (
@@ -98,13 +98,13 @@ class LegoKind(AssemblyKind):
             else "a brick of a feeding station"
         )
 
-    def problems(self, _cell: CellSection) -> Found:
+    def problems(self, _cell: CellSection) -> Problems:
         """Yield the problems of the section."""
         from twin.kinds.lego.problems import find_lego_problems
 
         return find_lego_problems(self.section)
 
-    def included_problems(self) -> Found:
+    def included_problems(self) -> Problems:
         """Yield the problems of a structure, with keys in its file."""
         from twin.kinds.lego.problems import find_structure_problems
 

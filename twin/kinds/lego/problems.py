@@ -1,4 +1,4 @@
-"""Consistency checks of LEGO sections: known bricks, no overlaps, supported bricks, and enough stock.
+"""Consistency checks of LEGO sections: known bricks, no overlaps, no floating bricks, and enough stock.
 
 Given steps are checked one after another; a given structure is checked as a whole.
 """
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
 from planning.lego.bricks.grid import bricks_joined_to_plate
 from planning.lego.skills.support_targets import supported_span
-from twin.document.validation import Found, check_known_name, unknown_name
+from twin.document.validation import Problems, check_known_name, unknown_name
 from twin.document.yaml_text import KeyPath
 from twin.kinds.lego.section import (
     BrickStepSection,
@@ -25,7 +25,7 @@ from twin.kinds.lego.section import (
 from twin.kinds.lego.structure import read_structure
 
 
-def find_lego_problems(assembly: LegoSection) -> Found:
+def find_lego_problems(assembly: LegoSection) -> Problems:
     """Yield all inconsistencies of a LEGO section.
 
     Args:
@@ -42,14 +42,14 @@ def find_lego_problems(assembly: LegoSection) -> Found:
         yield ("assembly", "structure", *path), message
 
 
-def _unknown_bricks(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
+def _unknown_bricks(assembly: LegoSection, types: Mapping[str, BrickType]) -> Problems:
     for group in ("stock", "steps"):
         for i, item in enumerate(getattr(assembly, group)):
             at = ("assembly", group, i, "brick")
             yield from check_known_name(at, "brick type", item.brick, types)
 
 
-def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
+def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Problems:
     """Yield bricks that overlap, are off the plate, or unsupported."""
     studs = assembly.plate.studs
     owner: dict[str, StockSection] = {s.name: s for s in assembly.stock}
@@ -100,7 +100,7 @@ def _check_step(
     brick: BrickType,
     at: KeyPath,
     taken: Mapping[GridPlace, str],
-) -> Found:
+) -> Problems:
     if step.press is not None:
         along = brick.studs[1] if step.press.side in (1, 4) else brick.studs[0]
         # A one-stud edge is gripped with half of the tool off it.
@@ -121,7 +121,7 @@ def _check_stock(
     types: Mapping[str, BrickType],
     studs: Sequence[int],
     taken: dict[GridPlace, str],
-) -> Found:
+) -> Problems:
     """Check the stock of one plate, and record its occupied studs.
 
     Every brick must be joined to the plate through others, never through a station.
@@ -147,7 +147,7 @@ def _check_stock(
             yield at, f"{item.name} floats: it is not joined to the plate"
 
 
-def _check_supply(assembly: LegoSection) -> Found:
+def _check_supply(assembly: LegoSection) -> Problems:
     """Yield steps without a brick in stock."""
     free, stations, supply = _free_stock(assembly)
     owner = {s.name: s for s in assembly.stock}
@@ -218,7 +218,7 @@ def _ordinal(n: int) -> str:
     return f"{n}{'th' if teen else {1: 'st', 2: 'nd', 3: 'rd'}.get(n % 10, 'th')}"
 
 
-def find_structure_problems(assembly: LegoSection) -> Found:
+def find_structure_problems(assembly: LegoSection) -> Problems:
     """Yield all inconsistencies of a drawn structure.
 
     No two bricks in one place, none off the plate or in the air, and enough in stock.

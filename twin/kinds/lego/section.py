@@ -1,4 +1,4 @@
-"""Scenario section of kind ``lego``: plates, bricks in stock, and the steps or the finished structure."""
+"""Scenario section of assembly kind ``lego``: plates, bricks in stock, and the steps or the finished structure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.insertion.rules import SequencingRules
-from twin.document.section import Name, Section, Several, Two
+from twin.document.section import Name, PairOf, Section, Several
 from twin.kinds.lego.structure import (
     GridCell,
     Raised,
@@ -27,7 +27,7 @@ from twin.kinds.lego.structure import (
 from twin.scenario.sections.kind import AssemblySection
 from twin.scenario.sections.shapes import Colour, PoseSection, to_planning_class
 
-Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
+Studs = PairOf[Annotated[int, Field(ge=1, le=1000)]]
 TwistDeg = Annotated[float, Field(gt=0, lt=90)]
 
 

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
     from planning.lego.sequencing.explained_step import ExplainedStep
 
+# Width of a stud [mm], and millimetres per metre.
 _STUD_MM, _MM = 8.0, 1000.0
+# Colours of the press and of supports, and the hatching of temporary bricks.
 _PRESS, _HOLD, _HATCH = "tab:blue", "tab:green", "////"
 
 

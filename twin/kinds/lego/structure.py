@@ -1,7 +1,7 @@
 """Scenario sections of finished LEGO structures, and their conversion to bricks.
 
-A scenario gives a structure instead of steps, and the planner finds the steps. A structure may combine drawings and
-lists of bricks.
+If a scenario gives a structure instead of steps, the planner finds the steps. A structure may combine text drawings
+of layers, text drawings of side views, and lists of bricks.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from planning.lego.bricks.drawing import (
     read_elevation,
     read_layer,
 )
-from twin.document.section import Name, Section, Three, Two
+from twin.document.section import Name, PairOf, Section, TripleOf
 from twin.document.validation import unknown_name
 from twin.document.yaml_text import KeyPath
 from twin.scenario.sections.shapes import Colour
 
-Stud2 = Two[Annotated[int, Field(ge=-1000, le=1000)]]
-GridCell = Three[Annotated[int, Field(ge=-1000, le=1000)]]
+Stud2 = PairOf[Annotated[int, Field(ge=-1000, le=1000)]]
+GridCell = TripleOf[Annotated[int, Field(ge=-1000, le=1000)]]
 Raised = Annotated[int, Field(ge=0, lt=BRICK_LEVELS)]
 
 

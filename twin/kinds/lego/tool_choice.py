@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ToolChoice:
-    """Steps without a robot, for each tool tried.
+    """Steps that no robot can do, for each tested tool.
 
     Attributes:
-        impossible: numbers of the steps by tool, in the order in which tools were tried.
+        impossible: step numbers by tool, in the order in which the tools were tested.
     """
 
     impossible: Mapping[str, tuple[int, ...]]

@@ -12,7 +12,7 @@ from itertools import product, zip_longest
 from typing import TypeVar
 
 from scheduling.copies import product_part_name
-from twin.document.validation import Found
+from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
@@ -25,13 +25,13 @@ Pair = TypeVar("Pair", JoinedSection, FitSection)
 
 @dataclass(frozen=True)
 class AlikeParts:
-    """Parts of a kind.
+    """Interchangeable parts of one kind.
 
     Attributes:
         kind: their name in the scenario.
-        names: of all of them: KIND.1, KIND.2, ...
+        names: names of all of them: KIND.1, KIND.2, ...
         goals: number of goals; the first names have one each.
-        sourced: whether they come from a source, which gives one after another: then nothing is chosen.
+        sourced: whether a source supplies them one after another, so that the planner has no choice.
     """
 
     kind: str
@@ -61,7 +61,7 @@ def with_named_parts(section: PartsSection) -> PartsSection:
     """Return an assembly with an entry for every part and a step for every goal.
 
     Args:
-        section: passed its checks.
+        section: checked section.
     """
     kinds = {own.kind: own for own in alike_parts(section)}
     if not kinds:
@@ -93,7 +93,7 @@ def with_named_parts(section: PartsSection) -> PartsSection:
 
 
 def listed_steps(section: PartsSection) -> tuple[int, ...]:
-    """Return for every expanded step the number of its step in the file, from 0."""
+    """Return the number of the step in the file, from 0, for each expanded step."""
     goals = {own.kind: own.goals for own in alike_parts(section)}
     return tuple(
         k
@@ -148,8 +148,8 @@ def expand_pairs(
     """Return pairs with kinds expanded to all their parts.
 
     Args:
-        pairs: of names in the file.
-        alike: kinds among them.
+        pairs: values by pair of names in the file.
+        alike: the kinds of interchangeable parts.
     """
     names = {own.kind: own.names for own in alike}
     return {
@@ -159,11 +159,11 @@ def expand_pairs(
     }
 
 
-def find_alike_problems(section: PartsSection) -> Found:
+def find_alike_problems(section: PartsSection) -> Problems:
     """Yield problems of interchangeable parts: too few parts or start poses.
 
     Args:
-        section: passed the checks of its single values.
+        section: section whose single values are checked.
     """
     kinds = {own.kind: own for own in alike_parts(section)}
     for i, part in enumerate(section.parts):
@@ -186,7 +186,7 @@ def find_alike_problems(section: PartsSection) -> Found:
                 yield (*at, key), f"{words}: name a part of its own"
 
 
-def _check_kind(part: PartSection, own: AlikeParts, at: KeyPath) -> Found:
+def _check_kind(part: PartSection, own: AlikeParts, at: KeyPath) -> Problems:
     count, starts, name = len(own.names), len(_poses(part.starts)), part.name
     if part.starts and count > starts:
         words = f"{count} {name} need {count} places to lie at, and starts has {starts}"

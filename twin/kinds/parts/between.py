@@ -1,4 +1,4 @@
-"""Scenario sections about relations: press fits of two parts, and time windows between two steps."""
+"""Scenario sections for press fits of two parts, and for time windows between two steps."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from planning.bounds import LONGEST_S
-from twin.document.section import Name, Section, Two
+from twin.document.section import Name, PairOf, Section
 
+# Time lag between two steps [s].
 Lag = Annotated[float, Field(ge=0, le=LONGEST_S)]
 
 
@@ -21,7 +22,7 @@ class FitSection(Section):
             it is half of what its diameter is larger.
     """
 
-    parts: Two[Name]
+    parts: PairOf[Name]
     press_m: Annotated[float, Field(gt=0, le=0.05)]
 
 

@@ -32,7 +32,7 @@ def expectations_of(kind: PartKind, cell: CellSection) -> Expectations:
         name for leaving in line.supply.leaves.values() for name, _ in leaving.parts
     }
     where = {k: p.start.transform() for k, p in parts.items() if p.start}
-    if section.order == "find":  # then all is done at parts in their places
+    if section.order == "find":  # processes are then done on parts at their goals
         where |= {name: assembly.goals[name] for name in assembly.placed}
     places, processes, rests = [], [], []
     goals = {

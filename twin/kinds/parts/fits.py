@@ -1,4 +1,4 @@
-"""Fits of parts at their places, and the probability that robots miss a place, from their repeatability."""
+"""Fits of parts at their goals, and the probability that a robot with a given repeatability misses a place."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from planning.parts.part_steps import PartFit, part_fits
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.scenario.sections.cell import RobotSection
 
-_NEVER = 1e-9
-"""Probability up to which a miss is ignored."""
+_NEGLIGIBLE = 1e-9
+"""Smaller probabilities of a miss are neglected."""
 
 
 @dataclass(frozen=True)
 class KnownFit:
-    """Fit of a part, with the success probabilities of its robots.
+    """Fit of a part, with the success probability of each robot.
 
     Attributes:
         fit: the part, and its play.
@@ -57,12 +57,12 @@ class KnownFit:
         }
 
 
-def place_misses(
+def miss_probabilities(
     parts: OrderedParts, robots: Sequence[RobotSection]
 ) -> dict[str, float]:
     """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability.
 
-    Of a part that is put down in several places it is the likeliest of these.
+    For a part that is put down in several places, it is the greatest of their probabilities.
 
     Args:
         parts: the assembly in order.
@@ -73,7 +73,7 @@ def place_misses(
         for robot, chance in fit.chances.items():
             name = f"{robot}/{fit.name}"
             out[name] = max(out.get(name, 0.0), 1.0 - chance)
-    return {name: miss for name, miss in out.items() if miss > _NEVER}
+    return {name: miss for name, miss in out.items() if miss > _NEGLIGIBLE}
 
 
 def known_fits(
@@ -81,7 +81,7 @@ def known_fits(
 ) -> tuple[KnownFit, ...]:
     """Return the fits of parts at their places, in the order of the steps.
 
-    Of parts of several products, which fit alike, only those of the first one are there. See ``place_misses``
+    Of parts of several products, which fit alike, only those of the first one are there. See ``miss_probabilities``
     for the arguments.
     """
     if isinstance(parts.found, str):

@@ -1,4 +1,4 @@
-"""Scenario kind ``assembly`` (an assembly of parts): builds its planning data from its section."""
+"""Assembly kind ``assembly`` (an assembly of parts): builds its planning data from its section."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from planning.cell.workcell import CONTACT_DEPTH, CellObject, PlacedRobot, Workc
 from planning.errors import RequestError
 from planning.tasks.task import DOOR, Actuation, ActuationKey
 from planning.transforms import read_only_copy
-from twin.document.validation import Found
+from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.model import DurationModel
@@ -120,15 +120,15 @@ class PartKind(AssemblyKind):
         """Return whether no part comes from a source or belongs to one of several products."""
         return not (self.section.sources or self.section.products)
 
-    def place_misses(
+    def miss_probabilities(
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
         """Return the probability of missing a place, by ROBOT/PART, for robots with a repeatability."""
         from planning.handling.tool_changes import with_all_tools_mounted
-        from twin.kinds.parts.fits import place_misses
+        from twin.kinds.parts.fits import miss_probabilities
         from twin.kinds.parts.ordered_parts import OrderedParts
 
-        return place_misses(
+        return miss_probabilities(
             OrderedParts(with_all_tools_mounted(cell), self.section), robots
         )
 
@@ -158,7 +158,7 @@ class PartKind(AssemblyKind):
                 found[act, robot.name, robot.tool] = model
         return found
 
-    def problems(self, cell: CellSection) -> Found:
+    def problems(self, cell: CellSection) -> Problems:
         """Yield the problems of the section, such as unknown or repeated names."""
         return find_part_problems(self.section, cell)
 

@@ -1,4 +1,7 @@
-"""Repetition pattern of the plan of a production line, derived from the tasks of its planned products."""
+"""Repetition pattern of a production line: tasks and dependencies of a few products, copied for all other products.
+
+The pattern is derived from the tasks of the first products, which are planned.
+"""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import networkx as nx
 
-from twin.document.validation import Found, check_known_name, unknown_name
+from twin.document.validation import Problems, check_known_name, unknown_name
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import find_alike_problems
 from twin.kinds.parts.line import OUTFEED, Line, feeding_machine
@@ -15,7 +15,7 @@ from twin.kinds.statics import check_distinct_ends
 from twin.scenario.sections.cell import CellSection
 
 
-def find_part_problems(section: PartsSection, cell: CellSection) -> Found:
+def find_part_problems(section: PartsSection, cell: CellSection) -> Problems:
     """Yield all inconsistencies of an assembly of parts.
 
     Args:
@@ -28,7 +28,7 @@ def find_part_problems(section: PartsSection, cell: CellSection) -> Found:
     yield from _check_work(section, cell)
 
 
-def _check_steps(section: PartsSection) -> Found:
+def _check_steps(section: PartsSection) -> Problems:
     names: dict[str, int] = {}
     for k, step in enumerate(section.steps):
         at: KeyPath = ("assembly", "steps", k)
@@ -73,7 +73,7 @@ def _check_steps(section: PartsSection) -> Found:
             yield at, f"how {first} and {second} fit is already said by fits.{earlier}"
 
 
-def _check_until(section: PartsSection, names: dict[str, int]) -> Found:
+def _check_until(section: PartsSection, names: dict[str, int]) -> Problems:
     """Yield steps whose ``until`` is no later step."""
     for k, step in enumerate(section.steps):
         at: KeyPath = ("assembly", "steps", k, "until")
@@ -87,7 +87,7 @@ def _check_until(section: PartsSection, names: dict[str, int]) -> Found:
             yield at, f"{step.until} is listed before, as step {later + 1}: {words}"
 
 
-def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
+def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Problems:
     parts = {part.name: part for part in section.parts}
     process = section.processes.get(step.process or "")
     yield from check_known_name((*at, "place"), "part", step.place, parts)
@@ -119,7 +119,7 @@ def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
         yield from _check_frame(at, place.part, place.frame, frames)
 
 
-def _check_machine_step(step: StepSection, at: KeyPath) -> Found:
+def _check_machine_step(step: StepSection, at: KeyPath) -> Problems:
     """Yield invalid keys of machine steps: they are done at a resting part, without a robot."""
     for key in ("robots", "hold", "path", "turn_deg"):
         if getattr(step, key) is not None:
@@ -133,7 +133,7 @@ def _check_machine_step(step: StepSection, at: KeyPath) -> Found:
         yield (*at, "at", "pose" if own.frame is None else "frame"), words
 
 
-def _check_machines(section: PartsSection) -> Found:
+def _check_machines(section: PartsSection) -> Problems:
     """Yield unknown machines of processes, and machines without a process."""
     machines = section.machines
     for name, process in section.processes.items():
@@ -148,7 +148,7 @@ def _check_machines(section: PartsSection) -> Found:
 
 def _check_frame(
     at: KeyPath, owner: str, frame: str | None, frames: tuple[str, ...]
-) -> Found:
+) -> Problems:
     """Yield an unknown frame of a step's part or fixture."""
     if frame is None or frame in frames:
         return
@@ -158,7 +158,7 @@ def _check_frame(
     yield (*at, "at", "frame"), words
 
 
-def _check_placed_once(section: PartsSection) -> Found:
+def _check_placed_once(section: PartsSection) -> Problems:
     seen: dict[str, int] = {}
     for k, step in enumerate(section.steps):
         at: KeyPath = ("assembly", "steps", k, "place")
@@ -177,7 +177,7 @@ def _check_placed_once(section: PartsSection) -> Found:
             yield (*at[:-1], "at"), words
 
 
-def _check_order(section: PartsSection, names: dict[str, int]) -> Found:
+def _check_order(section: PartsSection, names: dict[str, int]) -> Problems:
     """Yield steps after unknown steps or themselves."""
     at: KeyPath
     after: nx.DiGraph[int] = nx.DiGraph()
@@ -198,7 +198,7 @@ def _check_order(section: PartsSection, names: dict[str, int]) -> Found:
         yield ("assembly", "steps", cycle[0], "after"), f"no order can be: {words}"
 
 
-def _check_line(section: PartsSection) -> Found:
+def _check_line(section: PartsSection) -> Problems:
     """Yield unknown sources of parts, and unused sources."""
     placed, sources = set(section.placed), tuple(section.sources)
     used = {part.source for part in section.parts}
@@ -222,7 +222,7 @@ def _check_line(section: PartsSection) -> Found:
         yield ("assembly", "order"), f"parts of sources {words}"
 
 
-def machine_names(section: PartsSection) -> Found:
+def machine_names(section: PartsSection) -> Problems:
     """Yield the names of machines, each with its key."""
     for name, source in section.sources.items():
         at: KeyPath = ("assembly", "sources", name)
@@ -248,7 +248,7 @@ def disturbed_machines(section: PartsSection) -> Iterator[str]:
             yield machine
 
 
-def _check_work(section: PartsSection, cell: CellSection) -> Found:
+def _check_work(section: PartsSection, cell: CellSection) -> Problems:
     """Yield processes without capable robots, and unknown places."""
     robots = cell.robots
     outfit_tools = (own.tool for robot in robots for own in robot.outfits)

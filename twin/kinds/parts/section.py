@@ -1,4 +1,4 @@
-"""Scenario section of kind ``assembly``: parts, grips, machines, processes and steps."""
+"""Scenario section of assembly kind ``assembly``: parts, grips, machines, processes and steps."""
 
 from __future__ import annotations
 

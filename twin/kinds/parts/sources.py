@@ -7,12 +7,13 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from planning.transforms import Transform, read_only_copy, translation
-from twin.document.section import Section, Several, Two, with_tuples
+from twin.document.section import PairOf, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
 from twin.scenario.sections.shapes import PoseSection
 
+# Value ranges of keys.
 Count = Annotated[int, Field(ge=1, le=100)]
 Amount = Annotated[int, Field(ge=1, le=1000)]
 Pitch = Annotated[float, Field(ge=-100, le=100)]
@@ -26,8 +27,8 @@ class GridSection(Section):
         pitch_m: from one place to the next along x, and along y.
     """
 
-    counts: Two[Count]
-    pitch_m: Two[Pitch]
+    counts: PairOf[Count]
+    pitch_m: PairOf[Pitch]
 
     @property
     def size(self) -> int:

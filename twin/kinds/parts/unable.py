@@ -15,8 +15,8 @@ def why_unable(robot: PlacedRobot, motions: PlannedMotions) -> IdleReason:
     """Return the reason why a robot cannot do any step.
 
     Args:
-        robot: of the cell.
-        motions: of all robots.
+        robot: a robot of the cell.
+        motions: planned motions of all robots.
     """
     assembly: PartAssembly = motions.assembly
     able = [s for s in assembly.steps if isinstance(s, PlacePart | Work)]

@@ -1,4 +1,4 @@
-"""Plans made with hindsight, that is with all lost objects known in advance, as a reference for replanning."""
+"""Reference plans for the evaluation of replanning, made with advance knowledge of all objects that will be lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenario section of the cell: robots, listed singly or as a team, tools, fixtures and clearances."""
+"""Scenario section of the cell: robots (listed singly or as a team), tools, fixtures and clearances."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from planning.bounds import (
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import Clearances
 from planning.errors import ScenarioError
-from twin.document.section import Name, Section, Several, Two
+from twin.document.section import Name, PairOf, Section, Several
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import DurationModel
@@ -46,7 +46,7 @@ assumption, and no measurement [s]."""
 _Limit = Annotated[float, Field(ge=SLOWEST, le=FASTEST)]
 _Effort = Annotated[float, Field(gt=0, le=1e6)]
 _ToolSpeed = Annotated[float, Field(ge=SLOWEST, le=1000)]
-Vector2 = Two[Coordinate]
+Vector2 = PairOf[Coordinate]
 
 _OF_A_TEAM = ("model", "tool", "flange", "limits", "joints")
 """What all robots of a team have alike."""

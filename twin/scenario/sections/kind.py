@@ -16,7 +16,7 @@ from planning.cell.workcell import (
 from planning.errors import RequestError
 from planning.tasks.task import ActuationKey
 from twin.document.section import Section
-from twin.document.validation import Found
+from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.measured import Packaged
@@ -113,7 +113,7 @@ class AssemblyKind(Protocol):
         """Return what of its own has a name that nothing else may have, None if nothing."""
         return None
 
-    def problems(self, cell: CellSection) -> Found:
+    def problems(self, cell: CellSection) -> Problems:
         """Yield the problems of the section.
 
         Args:
@@ -201,7 +201,7 @@ class AssemblyKind(Protocol):
         """Return planned motions with what only this kind knows of them."""
         return motions
 
-    def included_problems(self) -> Found:
+    def included_problems(self) -> Problems:
         """Yield the problems of an included section, with keys in its own file."""
         yield from ()
 
@@ -223,10 +223,10 @@ class AssemblyKind(Protocol):
         """
         return 0, self.steps()
 
-    def place_misses(
+    def miss_probabilities(
         self, cell: Workcell, robots: Sequence[RobotSection]
     ) -> Mapping[str, float]:
-        """Return how likely robots miss the places of what they put down, by ROBOT/OBJECT.
+        """Return the probability that a robot misses the place of an object, by ROBOT/OBJECT.
 
         Args:
             cell: as it is before the first motion.

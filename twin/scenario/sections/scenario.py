@@ -263,12 +263,12 @@ class Scenario(Section):
 
 
 def resolve_scenario(scenario: Scenario) -> dict[str, Any]:
-    """Return the scenario with every default filled in, ready for JSON, without the sections of wings.
+    """Return the scenario with every default filled in, ready for JSON, without optional sections.
 
-    Nothing of a run depends on these.
+    Optional sections do not affect runs.
     """
-    wings = set(SECTIONS.names())
-    content = scenario.model_dump(mode="json", by_alias=True, exclude=wings)
+    optional = set(SECTIONS.names())
+    content = scenario.model_dump(mode="json", by_alias=True, exclude=optional)
     skills = scenario.execution.skills
     for name, duration in scenario.processes.items():
         if skills.get(name) == duration:  # given by the process itself

@@ -23,16 +23,16 @@ from planning.transforms import (
     quat_wxyz,
     read_only_copy,
 )
-from twin.document.section import Section, Three
+from twin.document.section import Section, TripleOf
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
-Vector3 = Three[Coordinate]
+Vector3 = TripleOf[Coordinate]
 Vector4 = Annotated[tuple[Coordinate, ...], Field(min_length=4, max_length=4)]
-Size3 = Three[Annotated[float, Field(ge=THINNEST_M, le=LARGEST_M)]]
-Colour = Three[Annotated[int, Field(ge=0, le=255)]]
+Size3 = TripleOf[Annotated[float, Field(ge=THINNEST_M, le=LARGEST_M)]]
+Colour = TripleOf[Annotated[int, Field(ge=0, le=255)]]
 Mass = Annotated[float, Field(ge=0, le=HEAVIEST_KG)]
 Configuration = Annotated[
     tuple[Coordinate, ...], Field(min_length=1, max_length=MOST_JOINTS)

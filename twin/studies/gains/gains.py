@@ -1,6 +1,6 @@
 """Gains: estimated reduction of makespans by interventions, each of which shortens a part of a plan.
 
-The replications of a study are simulated again with the same draws and one part of the plan shortened.
+The replications of a study are simulated again with the same random draws, and with one part of the plan shortened.
 """
 
 from __future__ import annotations

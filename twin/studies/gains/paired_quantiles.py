@@ -1,4 +1,4 @@
-"""Differences of a quantile between two samples of the same replications, with confidence intervals."""
+"""Paired differences of a quantile between two samples of the same replications, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twin.studies.replications.statistics import (
 )
 
 _DRAWS = 1000
-"""Resamples of the bootstrap."""
+"""Number of bootstrap resamples."""
 
 
 class PairedQuantiles:
@@ -28,7 +28,7 @@ class PairedQuantiles:
     small for these ranks.
 
     Args:
-        base: one value a replication, shape (n,).
+        base: one value per replication, shape (n,).
         probability: which quantile: the smallest value with at least this share of the sample
             at or below it.
         confidence: of the intervals.

@@ -1,4 +1,4 @@
-"""Results of blocks of replications: rows, sums over tasks, and one file per block.
+"""Results of blocks of replications: one row per replication, sums over tasks, and one file per block.
 
 Each file is written completely or not at all, so an interrupted study resumes from the files of its blocks.
 """
@@ -234,7 +234,7 @@ class BlockResult:
 
     Attributes:
         block: which.
-        rows: one a replication.
+        rows: one per replication.
         tally: sums over tasks of completed replications.
         products: None where there is only one.
         windows: None where there are none.

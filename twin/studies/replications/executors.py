@@ -41,7 +41,7 @@ def open_executor(
     """Yield an executor, closed with the context.
 
     Args:
-        workers: processes on this machine; 0 for none besides this one, None for one a core.
+        workers: processes on this machine; 0 for none besides this one, None for one per core.
         cluster: whose workers do it instead.
         answer_within_s: how long the scheduler may take to answer [s].
 

@@ -1,7 +1,7 @@
-"""Statistics of replications: means, quantiles and shares with confidence intervals.
+"""Statistics of replications: means, quantiles and proportions with confidence intervals.
 
-Replications are independent: each has its own draws. A run is a terminating simulation, so there is no warm-up
-period. A share of 0, such as 0 failures of 50, has an upper bound above 0.
+Replications are independent: each has its own random draws. A run is a terminating simulation, so there is no warm-up
+period. A proportion of 0, such as 0 failures in 50 replications, has an upper confidence bound above 0.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def mean_interval(
     its interval reaches farther on the side of the longer tail. For symmetric samples both agree.
 
     Args:
-        values: one a replication, shape (n,).
+        values: one per replication, shape (n,).
         confidence: probability that the interval covers the mean.
         antithetic: replications 2k and 2k + 1 are mirror images; then their averages are the
             independent values, and an odd one at the end is left out.
@@ -173,7 +173,7 @@ def paired_interval(
     """Return the mean paired difference of two samples with its interval.
 
     Args:
-        first, second: one value a replication, NaN where there is none, shape (n,).
+        first, second: one value per replication, NaN where there is none, shape (n,).
         confidence: probability that the interval covers the mean difference.
         antithetic: see ``mean_interval``; only counts where all values are there.
 
@@ -198,7 +198,7 @@ def quantile_interval(
     for which the sample has no such value is infinite.
 
     Args:
-        values: one a replication, shape (n,), independent.
+        values: one per replication, shape (n,), independent.
         probability: which quantile, within (0, 1); the smallest value with at least this share
             of the sample at or below it.
         confidence: least probability that the interval covers the quantile.

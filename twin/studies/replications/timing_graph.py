@@ -1,6 +1,6 @@
 """Timing graph: a plan without robot models, shapes, poses and paths.
 
-It can be executed, but not drawn.
+It can be simulated, but not displayed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Workload of a study for one policy and one variant of the inputs, in a form that can be sent to other processes.
 
-Replications need only times, since paths are verified before. A workload therefore contains a timing graph: a
+Replications need only times, since paths are verified in advance. A workload therefore contains a timing graph: a
 ``TemporalPlanGraph`` without shapes and paths, of a few hundred kilobytes for hundreds of steps.
 """
 

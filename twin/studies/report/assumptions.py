@@ -9,7 +9,7 @@ from twin.checks.robots import check_skill_times, check_speeds
 from twin.durations.measured import Packaged
 from twin.durations.model import DurationModel
 from twin.host.versions import versions
-from twin.planning.place_misses import place_misses
+from twin.planning.miss_probabilities import miss_probabilities
 from twin.scenario.sections.execution import ExecutionSection, ReferenceDuration
 from twin.studies.study import StudyResult
 from twin.uncertainty.disturbances import MachineBreakdowns, Stalls
@@ -30,7 +30,7 @@ def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
     yield "Disturbances", "; ".join(_disturbances(scenario.execution)) or "none"
     misses = "; ".join(
         f"{name.replace('/', ' misses the place of ')} in {100 * p:.3g} % of attempts"
-        for name, p in place_misses(scenario, request.base).items()
+        for name, p in miss_probabilities(scenario, request.base).items()
     )
     if misses:
         yield "Repeatability of robots", misses

@@ -1,4 +1,4 @@
-"""Estimates with their intervals as text and HTML."""
+"""Formatting of estimates and their confidence intervals as text and HTML."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from twin.studies.replications.statistics import Interval
 
 
 def format_estimate(found: Interval | None, *, percent: bool = False) -> str:
-    """Return an estimate with its interval in small letters under it."""
+    """Return an estimate as HTML, with its confidence interval below in small type."""
     if found is None:
         return "-"
     factor, unit = (100.0, " %") if percent else (1.0, "")

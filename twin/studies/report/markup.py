@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from twin.host.atomic_files import save_png
 
 _LONG = 17
-"""Letters from which a word may be broken, to fit narrow pages."""
+"""Longer words may be broken across lines on narrow pages [letters]."""
 
 
 def escape_text(words: object) -> str:

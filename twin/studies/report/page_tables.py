@@ -1,4 +1,4 @@
-"""Tables and lists of the report: makespans, lines, failures, layouts; some are printed, too."""
+"""Tables and lists of a study report: makespans, production lines, failures and cell layouts."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ from twin.studies.report.page_tables import (
     window_rows,
 )
 from twin.studies.report.sensitivity_tables import (
-    HONEST,
+    GAINS_NOTE,
     gains_tables,
     sobol_table,
     tornado_table,
@@ -153,7 +153,7 @@ def _first_page(result: StudyResult) -> Pieces:
         yield paragraph(OPERATED, "note")
         yield operated_tables(summary)
     yield heading("What is worth fixing")
-    yield paragraph(HONEST, "note")
+    yield paragraph(GAINS_NOTE, "note")
     yield gains_tables(
         result.gains[cell],
         summary.cells[cell].label,

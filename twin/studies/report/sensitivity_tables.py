@@ -1,4 +1,4 @@
-"""Tables of what the makespan depends on: gains of interventions, effects of inputs, Sobol indices."""
+"""Tables of the sensitivity of the makespan: gains of interventions, effects of inputs, and Sobol indices."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from twin.studies.sensitivity import SHARE
 from twin.studies.summary import CellSummary
 
 KINDS = {"stall": "standstill", "message": "messages"}
-"""Names of kinds of interventions in the report, where they differ."""
+"""Names of kinds of interventions in the report, where they differ from those in files."""
 
 _LEAST_S = 0.005
-"""Gains that are worth a line [s]."""
+"""Least mean gain that gets a row in a table [s]."""
 
 LESS = f"{100 * SHORTER:.0f} % shorter"
 P90 = f"P{100 * QUANTILE:.0f}"
 
-HONEST = (
-    "Seconds by which the work would be done sooner, the last part in its place, if one thing took a"
-    " fifth less time, or none, and all else stayed as it was drawn: the same replications were"
-    " executed again with that one thing changed. What robots do after their last work, such as"
-    " going HOME, is part of the makespan and of nothing here. These are gains of the model, as good as its times are. Whether something can be"
-    " made shorter, and what that costs, it does not know; gains of several do not add up, and"
-    " robots are never reassigned or replanned. A wait that is gone is a robot that does not"
-    " wait, whatever stands in its way: more than any better plan can do."
+GAINS_NOTE = (
+    "Seconds by which the last part would be in its place sooner if one thing took a fifth less time,"
+    " or no time, and all other draws stayed the same: the same replications were executed again with"
+    " that one thing changed. What robots do after their last work, such as going HOME, counts in the"
+    " makespan but not here. These are gains of the model, and only as good as its times. The model"
+    " does not know whether something can be made shorter, or what that costs. Gains of several"
+    " things do not add up, and robots are never reassigned or replanned. Where a wait is removed,"
+    " the robot does not wait, whatever is in its way: no better plan could achieve more."
 )
+"""Note below the tables of gains."""
 
 
 def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -> str:
@@ -53,7 +54,7 @@ def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -
 
 
 def _table(caption: str, gains: Sequence[Gain]) -> str:
-    """Return gains as a table, nothing where there are none."""
+    """Return gains as a table; empty if there are none."""
     head = ["", "", "what", f"mean, {LESS}", f"{P90}, {LESS}", "mean, gone"]
     longest = max([gain.shorter.mean_s.estimate for gain in gains], default=0.0)
     rows = []

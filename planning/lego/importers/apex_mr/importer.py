@@ -1,9 +1,9 @@
 """Import of published APEX-MR task files as a scenario.
 
-Expected in the folder: ``assembly_tasks/<task>.json``, ``env_setup/env_setup_<task>.json``,
-``lego_library.json``, ``plate_calibration.json`` and ``robot_properties/``; ``steps/`` only for
-the prescribed stock, ``user_config.json`` only for other twist angles than usual. The result is
-the plain content of a scenario file. Steps may give their grips twice.
+Required in the folder: ``assembly_tasks/<task>.json``, ``env_setup/env_setup_<task>.json``, ``lego_library.json``,
+``plate_calibration.json`` and ``robot_properties/``. Optional: ``steps/`` for the prescribed stock, and
+``user_config.json`` for other twist angles than the default. The result is the content of a scenario file, as plain
+data. A step of a task file may specify its grip in two ways.
 """
 
 from __future__ import annotations

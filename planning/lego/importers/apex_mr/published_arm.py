@@ -1,4 +1,4 @@
-"""Placement of the published arm: its check against the model, its tool frames, and its bases."""
+"""The robot arm of the published APEX-MR files: comparison with the robot model, tool frames, base poses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from planning.files import read_file
 from planning.transforms import Array, Transform, inverse
 
 _PI = np.pi
-# Rows (theta offset, d, a, alpha) of the arm whose tasks are published, up to the flange.
+# Denavit-Hartenberg parameters of the published arm up to the flange, by joint: theta offset, d, a, alpha.
 _GP4 = np.array(
     [
         [0.0, 0.0, 0.0, -_PI / 2],
@@ -26,7 +26,7 @@ _GP4 = np.array(
 
 
 def check_arm(properties: Path) -> None:
-    """Check that the published arm is the one that the model ``gp4`` describes.
+    """Check that the published arm is the same as that of the model ``gp4``.
 
     Raises:
         ScenarioError: its Denavit-Hartenberg table differs.

@@ -1,4 +1,4 @@
-"""The JSON and text files of the APEX-MR authors, read with errors that name file and key."""
+"""Reading of the JSON and text files of APEX-MR; every error names the file and the key."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TOOLS: Mapping[str, str] = {
     "alt": "tool_alt",
     "alt_assemble": "tool_alt_assemble",
 }
-"""What each tool frame is called in the name of its published file."""
+"""Name of each tool frame in the names of the published files."""
 
 NONE = -1
 """Placeholder for a value that a step does not have."""

@@ -1,6 +1,7 @@
-"""Brick lists: one brick a line, ``hxw (x,y,z)``, as BrickGPT writes them.
+"""Reading of brick lists as BrickGPT writes them: one brick per line, ``hxw (x,y,z)``.
 
-h studs along x, w along y; x, y and z are the least stud and the layer, from 0.
+``h`` and ``w`` are the numbers of studs along x and y. ``x`` and ``y`` are the least stud coordinates of the brick,
+and ``z`` is its layer, all counted from 0.
 """
 
 from __future__ import annotations

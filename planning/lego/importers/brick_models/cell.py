@@ -1,4 +1,4 @@
-"""A cell for a brick model: two arms that face each other across a plate, and feeding stations."""
+"""Workcell for a brick model: two arms that face each other across a plate, and feeding stations."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ from planning.steps.skill import SkillPath
 from planning.transforms import from_rpy, translation
 
 APART = 2
-"""Studs between two stations."""
+"""Distance between two stations [studs]."""
 
 AWAY = 3
-"""Studs between a station and the structure."""
+"""Distance between a station and the structure [studs]."""
 
 STUDS = 48
-"""Studs of the plate along x and y."""
+"""Size of the plate along x and y [studs]."""
 
 _WIDER = (56, 64)
 """Studs along x of the plates for models that would stand in the way of picks at their stations."""

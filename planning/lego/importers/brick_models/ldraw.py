@@ -1,7 +1,8 @@
-"""Import of LDraw models as bricks on the grid.
+"""Import of LDraw models as bricks on the stud grid.
 
-x and z of LDraw are x and y of the grid, its y points down; 20 units are a stud, 24 a brick and 8
-a plate. A whole model may be shifted against that grid, parts may not be against each other.
+The x and z axes of LDraw are the x and y axes of the grid; y of LDraw points down. The distance of studs is 20 LDraw
+units, the height of a brick 24 units, and that of a plate 8 units. A model may be offset from the grid as a whole,
+but all its parts must be on one common grid.
 """
 
 from __future__ import annotations

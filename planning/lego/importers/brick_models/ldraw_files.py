@@ -1,8 +1,8 @@
-"""Lines of an LDraw file: models with references to parts and to each other, and colours.
+"""Lines of an LDraw file: models with references to parts and to other models, and colours.
 
-A ``.ldr`` file is one model. A ``.mpd`` file holds several, each after ``0 FILE name``; the first
-is the whole, which refers to the others. Colours and steps are counted, lines and faces (types 2
-to 5), which only draw, too.
+A ``.ldr`` file contains one model. A ``.mpd`` file contains several, each after a line ``0 FILE name``. The first one
+is the main model; it refers to the others. Building steps are only counted, and so are lines of types 2 to 5, which
+draw edges and faces.
 """
 
 from __future__ import annotations

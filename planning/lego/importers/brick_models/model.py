@@ -1,4 +1,4 @@
-"""A brick model read from a file of another program: bricks on the grid, each with its line."""
+"""A brick model from a file of another program: bricks on the stud grid, each with its line number in the file."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from planning.lego.bricks.assembly import BrickType, Cell, GridPlace, OnGrid
 from planning.lego.bricks.grid import bricks_joined_to_plate
 
 MOST_BRICKS = 20_000
-"""Bricks that a model may have; far more than can be planned."""
+"""Greatest number of bricks in a model."""
 
 _REASONABLE = 100_000
-"""Studs or levels from one end of a model to the other that can be meant."""
+"""Greatest extent of a model; a larger one is taken for an error in the file [studs or levels]."""
 
 
 @dataclass(frozen=True)

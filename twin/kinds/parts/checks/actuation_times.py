@@ -1,4 +1,4 @@
-"""Checks of actuation times of tools against skill durations."""
+"""Checks of skill durations against the times that tools need to open and close."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from twin.checks.finding import CheckContext, Finding, Findings
 from twin.document.yaml_text import KeyPath
 from twin.durations.model import DurationModel
 
-_USES = {
+_ACTUATIONS = {
     "pick": (Actuation.CLOSE,),
     "place-down": (Actuation.OPEN,),
     "handover": (Actuation.CLOSE, Actuation.OPEN),
     TaskKind.HOLD: (Actuation.CLOSE,),
 }
-"""What tools do in a skill of an assembly of parts."""
+"""Tool actuations in each skill of an assembly of parts."""
 
 
 def check_grip_times(subject: CheckContext) -> Findings:
@@ -33,7 +33,7 @@ def check_grip_times(subject: CheckContext) -> Findings:
         for k, item in enumerate(execution.skill_overrides)
     ]
     for at, skill, robot, duration in given:
-        if skill not in _USES or not isinstance(duration, DurationModel):
+        if skill not in _ACTUATIONS or not isinstance(duration, DurationModel):
             continue
         whole = duration.located(subject.folder).mean
         grips = sum(
@@ -42,14 +42,14 @@ def check_grip_times(subject: CheckContext) -> Findings:
                 for (done, who, _), model in scenario.actuations.items()
                 if done == act and robot in (None, who)
             )
-            for act in _USES[skill]
+            for act in _ACTUATIONS[skill]
         )
         # Nobody takes 0 s for what a tool takes: that is a bound, see check_standing_times.
         if 0.0 < whole <= grips:
             yield Finding(
                 at,
                 f"{skill} takes {whole:g} s, which is the time of the whole skill: motions and what the"
-                f" tool takes to {' and to '.join(_USES[skill])}, which alone is {grips:g} s. If this is"
+                f" tool takes to {' and to '.join(_ACTUATIONS[skill])}, which alone is {grips:g} s. If this is"
                 f" what the tool takes, say it there ({_keys(skill)}), and leave {skill} away here",
             )
     whole_skills = [
@@ -58,7 +58,7 @@ def check_grip_times(subject: CheckContext) -> Findings:
         if skill in ("pick", "place-down") and isinstance(duration, DurationModel)
     ]
     for at, act in _said(subject):
-        hidden = [skill for skill in whole_skills if act in _USES[skill]]
+        hidden = [skill for skill in whole_skills if act in _ACTUATIONS[skill]]
         if hidden:
             yield Finding(
                 at,
@@ -68,7 +68,7 @@ def check_grip_times(subject: CheckContext) -> Findings:
 
 
 def _keys(skill: str) -> str:
-    keys = " and ".join(f"{act}_s" for act in _USES[skill])
+    keys = " and ".join(f"{act}_s" for act in _ACTUATIONS[skill])
     return f"{keys} of the tool or of assembly.grips"
 
 

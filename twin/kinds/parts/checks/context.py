@@ -1,4 +1,4 @@
-"""Check context of an assembly of parts: its scenario section, and its parts in the order of the steps."""
+"""Data shared by the checks of an assembly of parts: its scenario section, and its parts in the order of the steps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.kinds.parts.section import PartsSection
 
 
 class PartsContext(KindChecks):
-    """Check context of an assembly of parts."""
+    """Data shared by the checks of an assembly of parts."""
 
     @cached_property
     def section(self) -> PartsSection:

@@ -1,4 +1,4 @@
-"""Checks of grips: whether fingers or cups find suitable faces on each part."""
+"""Checks of grips: whether each part has suitable faces for fingers or suction cups."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of grips: contact of pads or cups, and friction."""
+"""Checks of grips: contact of finger pads or suction cups with the part, and friction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of goals (overlap, support and balance of parts), and of poses at which processes are done."""
+"""Checks of goals (overlap, support and balance of parts), and of the poses for processes."""
 
 from __future__ import annotations
 

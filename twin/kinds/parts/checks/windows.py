@@ -1,4 +1,4 @@
-"""Checks of times: time windows between steps, and due times of products, that no plan can meet."""
+"""Checks for time windows between steps, and due times of products, that no plan can meet."""
 
 from __future__ import annotations
 

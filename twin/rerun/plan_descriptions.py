@@ -1,4 +1,4 @@
-"""Descriptions of tasks and waits in words: a task with its part and step, a wait with the robots involved."""
+"""Text descriptions of tasks, with part and step, and of waits, with the robots involved."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _VERBS = {
 }
 
 
-class PlanWords:
+class PlanDescriptions:
     """Describes the tasks of a plan and the waits of its nodes."""
 
     def __init__(self, tpg: TemporalPlanGraph) -> None:
         """Describe a plan.
 
         Args:
-            tpg: the plan; with the barriers of its slots where these are waited for.
+            tpg: the plan; with the barriers between slots, if robots wait for these.
         """
         self._tpg = tpg
         self._steps = max((task.step for task in tpg.tasks), default=0)
@@ -48,7 +48,7 @@ class PlanWords:
         return self._tasks[task] if 0 <= task < len(self._tasks) else ""
 
     def is_skill(self, task: int) -> bool:
-        """Return whether a task is in the plan and no transit."""
+        """Return whether a task is in the plan and not a transit."""
         return (
             0 <= task < len(self._tasks)
             and self._tpg.tasks[task].kind != TaskKind.TRANSIT
@@ -65,9 +65,9 @@ class PlanWords:
         """Return which robots and tasks a node waits for; empty for none.
 
         Args:
-            chain: whose node.
-            node: that waits.
-            complete: tells whether a node of a chain is complete.
+            chain: chain of the node.
+            node: node that waits.
+            complete: returns whether a node of a chain is complete.
         """
         left = [
             source

@@ -1,4 +1,4 @@
-"""Probability that a robot misses the place of an object, computed from its repeatability."""
+"""Probabilities that robots miss the goal poses of objects, computed from the robots' repeatability."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.scenario import Scenario
 
 
-def place_misses(scenario: Scenario, folder: Path) -> Mapping[str, float]:
+def miss_probabilities(scenario: Scenario, folder: Path) -> Mapping[str, float]:
     """Return the probability of missing a place, by ROBOT/OBJECT, for robots with a repeatability.
 
     Args:
-        scenario: passed the checks of its file.
-        folder: where relative paths in it start.
+        scenario: a validated scenario.
+        folder: base folder of relative paths in the scenario.
     """
     robots = scenario.cell.robots
     if not any(robot.repeatability_m for robot in robots):
         return {}
-    return scenario.kind.place_misses(build_workcell(scenario, folder), robots)
+    return scenario.kind.miss_probabilities(build_workcell(scenario, folder), robots)

@@ -1,4 +1,4 @@
-"""The form of a mesh file: its triangles, and convex pieces that are cached on disk."""
+"""Loading of mesh files: their triangles, and their convex pieces, which are cached on disk."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ _SOURCES = (
     cover.__file__,
 )
 
-_FEW = 64
-"""Greatest number of pieces of a body where the scenario does not state how to cut it."""
+_MOST_PIECES = 64
+"""Greatest number of pieces of a non-prismatic body if no ``within`` is given and a coarser share is left to try."""
 
-_SHARES = (1.0 / 60.0, 1.0 / 20.0)
-"""Hollows up to this share of the longest edge are filled by default: the
-second one where the first makes too many pieces."""
+_FILLED_SHARES = (1.0 / 60.0, 1.0 / 20.0)
+"""Depth of the hollows that convex pieces may fill by default, as a share of the mesh's longest edge: the second one
+if the first would need too many pieces."""
 
 
-_FORMS: BoundedCache[Mesh] = BoundedCache(64)
+_LOADED: BoundedCache[Mesh] = BoundedCache(64)
 
-_MANY = 2000
-"""Triangles of a mesh that takes some seconds to cut."""
+_SLOW_TO_CUT = 2000
+"""A mesh with more triangles takes some seconds to cut into pieces."""
 
 _LISTENER: ContextVar[Callable[[Path], None] | None] = ContextVar(
     "listener", default=None
@@ -49,7 +49,7 @@ _NAMES = frozenset({"counts", "corners", "centre", "numbers"})
 
 @contextmanager
 def watch_cutting(begin: Callable[[Path], None]) -> Iterator[None]:
-    """Call back with the file of each mesh that takes a while to cut; not for cached ones."""
+    """Within the context, call a function with each large mesh file before its decomposition, if it is not cached."""
     token = _LISTENER.set(begin)
     try:
         yield
@@ -57,26 +57,26 @@ def watch_cutting(begin: Callable[[Path], None]) -> Iterator[None]:
         _LISTENER.reset(token)
 
 
-def mesh_form(
+def load_mesh(
     path: Path, scale: float | None = None, within: float | None = None
 ) -> Mesh:
-    """Return a mesh file as a form.
+    """Return the triangles and convex pieces of a mesh file.
 
     Args:
         path: of an STL or OBJ file.
-        scale: factor to metres; None for 1 where the size is then believable.
-        within: how deep a hollow may be that a convex piece fills; None for a sixtieth of its
-            longest edge, a twentieth where those would be too many [m].
+        scale: factor to metres; None for 1, which is refused if the size is then implausible.
+        within: greatest depth of a hollow that a convex piece may fill [m]; None for a sixtieth of the longest edge,
+            or a twentieth if that would need too many pieces.
 
     Raises:
-        ShapeError: it cannot be used; names the file and what to do.
+        ShapeError: the file cannot be used; the message says what to do.
     """
     content = read_mesh_bytes(path)
     key = path, sha256(content).hexdigest(), scale, within
-    return _FORMS.get(key, lambda: _form(*key, content))
+    return _LOADED.get(key, lambda: _load(*key, content))
 
 
-def _form(
+def _load(
     path: Path, sha: str, scale: float | None, within: float | None, content: bytes
 ) -> Mesh:
     triangles = read_triangles(path, content, scale)
@@ -84,7 +84,7 @@ def _form(
 
     def find() -> Arrays:
         listener = _LISTENER.get()
-        if listener is not None and len(triangles.faces) > _MANY:
+        if listener is not None and len(triangles.faces) > _SLOW_TO_CUT:
             listener(path)
         return _arrays(_cut(triangles, within))
 
@@ -104,14 +104,14 @@ def _form(
 
 
 def _cut(triangles: MeshTriangles, within: float | None) -> Cut:
-    """Return the pieces of a mesh: as accurate as asked, within the allowed number of pieces."""
+    """Return the convex pieces of a mesh, with the requested or the default accuracy."""
     if within is not None:
         return cut_convex(triangles, within)
     longest = float(np.ptp(triangles.vertices, axis=0).max())
-    for share in _SHARES[:-1]:
+    for share in _FILLED_SHARES[:-1]:
         with suppress(TooManyPiecesError):
-            return cut_convex(triangles, share * longest, _FEW)
-    return cut_convex(triangles, _SHARES[-1] * longest)
+            return cut_convex(triangles, share * longest, _MOST_PIECES)
+    return cut_convex(triangles, _FILLED_SHARES[-1] * longest)
 
 
 def _arrays(cut: Cut) -> Arrays:
