@@ -18,6 +18,7 @@ from twin.operations.person import AnswerCallback
 from twin.registry import HOOKS
 from twin.runs.folder import run_folder
 from twin.runs.policies import named_policies
+from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.variations import Variant, apply_variation, layout_of
 from twin.trial.auditor import load_auditor
 from twin.trial.executor import Executor
@@ -78,7 +79,7 @@ def operate(
         )
     if audit and audit_engine is not None:
         load_auditor(audit_engine)
-    case = load(scenario)
+    case = _with_step_window(load(scenario))
     require_rolling(case.sections)
     checked = check_if_installed(case, progress)
     checked.require_ok()
@@ -107,6 +108,17 @@ def operate(
                 executor=executor,
                 progress=progress,
             )
+
+
+def _with_step_window(case: LoadedScenario) -> LoadedScenario:
+    """Return a scenario with the rolling planning window that its assembly chooses, if it has none of its own."""
+    own = case.sections
+    if own.execution.window is not None:
+        return case
+    chosen = assembly_kind(own.assembly).step_window()
+    if chosen is None:
+        return case
+    return case.varied({"window": chosen.model_dump()})
 
 
 def require_operable(
@@ -147,7 +159,7 @@ def require_operable(
             )
         own = apply_variation(case.sections, variant)
         require_rolling(own)
-        if own.execution.window is not None:
+        if own.execution.step_window is not None:
             raise RequestError(
                 "what is replicated is a plan of all steps: leave out execution.window"
             )

@@ -36,7 +36,7 @@ from twin.operations.supply import LateSupply
 from twin.recorders.observers import Observers, Recorder
 from twin.registry import RECOVERIES
 from twin.runs.execution_record import ExecutionRecord
-from twin.scenario.sections.execution import AskSection
+from twin.scenario.sections.execution import AskSection, StepWindowSection
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
@@ -60,6 +60,7 @@ class Operation:
         scrapped: wanted products that are incomplete, where there are several.
         partial: whether there are steps of the scenario that were not done, or a robot that is out holds something.
         ended: why the execution ended before its plan was complete; None where no such cause is known.
+        window: steps planned at a time; None for all.
     """
 
     tpg: TemporalPlanGraph
@@ -72,6 +73,7 @@ class Operation:
     scrapped: tuple[int, ...] = ()
     partial: bool = False
     ended: Ending | None = None
+    window: StepWindowSection | None = None
 
     @property
     def finished(self) -> bool:
@@ -101,6 +103,7 @@ class Operation:
                 {"step": ask.step, "question": ask.words, "answer": ask.answer}
                 for ask in self.asks
             ],
+            **({"window": self.window.model_dump()} if self.window else {}),
             **({"scrapped": list(self.scrapped)} if self.scrapped else {}),
             **({"ended": asdict(self.ended)} if self.ended else {}),
         }
@@ -247,6 +250,7 @@ def operate(
         tuple(sorted(scrapped)),
         bool(undone) or kind.wanted_steps() < kind.steps() or in_hand,
         cell.ended,
+        scenario.execution.step_window,
     )
 
 

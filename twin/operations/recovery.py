@@ -123,7 +123,7 @@ class Recovery(Planner[AssemblyState]):
         motions = replace(motions, settings=settings)
         chosen, work = motions.task_plan, motions.work
         assert work is not None
-        window = StepWindow(self.scenario.execution.window, motions)
+        window = StepWindow(self.scenario.execution.step_window, motions)
         self.context = PlanningContext(self.scenario, self.person, window)
         ledger = OperationLedger(
             dependent_steps(tpg.tasks, tpg.allowed, chosen, work.needs),

@@ -122,7 +122,7 @@ def summarize_run(
         "makespan_asynchronous_s": header.makespan_asynchronous_s
         if completed
         else None,
-        "load_bound_s": header.load_bound_s,
+        "makespan_bound_s": header.makespan_bound_s,
     }
 
 
@@ -237,6 +237,10 @@ def _operation_rows(
     causes = "; ".join(version["cause"] for version in versions[:3])
     more = f"; {len(versions) - 3} more" if len(versions) > 3 else ""
     rows = [("replanned", f"{len(versions)} times", causes + more)]
+    if window := operation.get("window"):
+        size = f"{window['steps']} steps"
+        when = f"the next ones when {window['least']} or fewer are not begun"
+        rows.append(("planned at a time", size, f"{when}; execution.window"))
     if scrapped := operation.get("scrapped"):
         which = ", ".join(map(str, scrapped[:10])) + (", ..." if scrapped[10:] else "")
         rows.append(("products scrapped", str(len(scrapped)), which))
@@ -361,12 +365,11 @@ def _makespan_rows(
         rows.append((label, f"{makespan:.2f} s", below))
     bound = float(summary["lower_bound_s"])
     rows.append(("lower bound of these paths", f"{bound:.2f} s", ""))
-    load = summary.get("load_bound_s")
-    if load:
-        above = 100 * (makespan / load - 1)
-        rows.append(
-            ("bound of load, any choice", f"{load:.2f} s", f"gap {above:.1f} %")
-        )
+    least = summary.get("makespan_bound_s")
+    if least:
+        shorter = 100 * max(0.0, 1 - least / makespan)
+        words = f"at most {shorter:.1f} % shorter plans exist with these grips"
+        rows.append(("lower bound, any choice", f"{least:.2f} s", words))
     if search := summary.get("assignment_search"):
         rows.append(_search_row(search))
     return rows

@@ -111,8 +111,14 @@ class _Version(TypedDict):
     cause: str
 
 
+class _StepWindow(TypedDict):
+    steps: int
+    least: int
+
+
 class _Operation(TypedDict):
     versions: list[_Version]
+    window: NotRequired[_StepWindow]
     scrapped: NotRequired[list[int]]
     given_up: NotRequired[dict[str, str]]
     dropped: NotRequired[dict[str, str]]
@@ -138,7 +144,7 @@ class RunSummary(TypedDict):
     makespan_sequential_s: float
     makespan_asynchronous_s: NotRequired[float | None]
     lower_bound_s: float
-    load_bound_s: NotRequired[float | None]
+    makespan_bound_s: NotRequired[float | None]
     assignment_search: NotRequired[_AssignmentSearch]
     wait_s: dict[str, float]
     failure: NotRequired[str | None]

@@ -39,7 +39,7 @@ def run_header(
     # Of a plan of first steps, later ones may be for it.
     windowed = (
         execution.get("operated")
-        and plan.scenario.sections.execution.window is not None
+        and plan.scenario.sections.execution.step_window is not None
     )
     warnings = (
         HOOKS.load("plan warnings")(plan.scenario, plan.tpg)
@@ -62,7 +62,7 @@ def run_header(
         idle={own.robot: own.content() for own in idle},
         plan=plan.name,
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
-        load_bound_s=plan.load_bound_s,
+        makespan_bound_s=plan.makespan_bound_s,
         assignment_search=None if plan.search is None else plan.search.content(),
         # The sequential plan kept next to one in slots has no type-2 edges.
         makespan_asynchronous_s=None

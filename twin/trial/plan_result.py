@@ -39,7 +39,7 @@ class PlanResult:
             shortened; None where ``tpg`` has the same nodes.
         plans: plans of the same motions by their names in twin.runs.policies, where these were asked for.
         planning_s: wall-clock seconds of each stage of planning; empty for a plan that was read.
-        load_bound_s: lower bound of the makespan at nominal durations over all assignments
+        makespan_bound_s: lower bound of the makespan at nominal durations over all assignments
             [s], None where that was not worked out.
         search: what the search for an assignment gained, None where there was none.
         warnings: warnings of the check of the cell.
@@ -55,7 +55,7 @@ class PlanResult:
     turns: TemporalPlanGraph | None = None
     plans: Mapping[str, TemporalPlanGraph] = field(default_factory=dict, kw_only=True)
     planning_s: Mapping[str, float] = field(default_factory=dict)
-    load_bound_s: float | None = None
+    makespan_bound_s: float | None = None
     search: AssignmentGain | None = None
     warnings: tuple[str, ...] = ()
     fits: tuple[Mapping[str, Any], ...] = ()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from planning.errors import PlanInvariantError, ScenarioError
-from planning.motion.load_bound import load_bound_s
+from planning.motion.makespan_bound import makespan_bound_s
 from planning.tasks.task import TaskKind
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -134,7 +134,7 @@ def plan_scenario(
     if not isinstance(case, LoadedScenario):
         case = LoadedScenario(case, folder)
     sections = case.sections
-    whole, window = keep or start is not None, sections.execution.window
+    whole, window = keep or start is not None, sections.execution.step_window
     if motions is None:
         first = None
         if keep and window is not None:
@@ -163,8 +163,8 @@ def plan_scenario(
         return _repeated(plan, watch)
     if used.work is None:
         return plan
-    bound = load_bound_s(used.cell, used.work, used.task_plan, used.settings)
-    return replace(plan, load_bound_s=bound)
+    bound = makespan_bound_s(used.cell, used.work, used.task_plan, used.settings)
+    return replace(plan, makespan_bound_s=bound)
 
 
 def _wanted(

@@ -14,6 +14,7 @@ from planning.assignment_search.operations import list_operations
 from planning.assignment_search.prediction_tables import PredictionModel, build_model
 from planning.assignment_search.rollout import predict_makespan
 from planning.motion.full_turns import without_turns
+from planning.motion.makespan_bound import makespan_bound_s
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
 from planning.tasks.found_assignment import FoundAssignment
@@ -113,6 +114,18 @@ def _longest_path(first: PlannedMotions, plan: TaskPlan) -> float:
         clock[robot.name] + seconds(robot.name, at[robot.name], robot.home)
         for robot in cell.robots
     )
+
+
+def test_no_assignment_is_below_the_bound_of_the_makespan(
+    first: PlannedMotions, model: PredictionModel
+) -> None:
+    work = _work(first)
+    bound = makespan_bound_s(first.cell, work, first.task_plan, first.settings)
+    assert bound is not None
+    # Any object may be used again.
+    every = [_numbers(*chosen) for chosen in product(*_of_steps(model))]
+    least = min(predict_makespan(model, chosen, conflicts=False) for chosen in every)
+    assert bound == pytest.approx(least, abs=1e-6)
 
 
 def test_prediction_without_conflicts_is_the_longest_path(

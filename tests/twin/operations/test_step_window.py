@@ -37,7 +37,9 @@ from twin.kinds.lego.kind import build_lego
 from twin.kinds.lego.section import LegoSection
 from twin.kinds.parts.built import assembly_of
 from twin.kinds.parts.kind import PartKind
+from twin.operations.api import operate
 from twin.planning.build_workcell import build_workcell
+from twin.runs.summary import summary_rows
 from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
@@ -230,3 +232,26 @@ def test_other_kinds_are_looked_at_as_a_whole(name: str) -> None:
     case = load(ASSEMBLY / f"{name}.yaml").varied({"window": {"steps": 2}})
     with pytest.raises(RequestError, match="only steps of a LEGO assembly, and prod"):
         plan_scenario(case, keep=True)
+
+
+@pytest.mark.parametrize(
+    ("said", "used"), [(None, {"steps": 8, "least": 3}), ("all", None)]
+)
+def test_a_large_assembly_of_bricks_is_planned_some_steps_at_a_time(
+    said: str | None,
+    used: dict[str, int] | None,
+    stack_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("twin.kinds.lego.kind._MOST_AT_ONCE", 1)
+    done = operate(
+        load(stack_file).varied({"window": said}),
+        out=tmp_path / "run",
+        recording=False,
+        audit=False,
+    )
+    assert done.outcome == "completed"
+    assert done.summary["operation"].get("window") == used
+    rows = [row for row in summary_rows(done.summary) if row[0] == "planned at a time"]
+    assert len(rows) == (used is not None)

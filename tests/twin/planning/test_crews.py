@@ -161,15 +161,15 @@ def _rate_as_fresh(first: PlannedMotions) -> None:
                 assert known.makespan_s == pytest.approx(known.by_home_s, abs=1e-6)
 
 
-def test_no_plan_is_below_the_bound_of_load(
+def test_no_plan_is_below_the_bound_of_the_makespan(
     plain: PlanResult, first: PlannedMotions
 ) -> None:
-    assert plain.load_bound_s is not None
-    assert 0.0 < plain.load_bound_s <= plain.makespan_s
+    assert plain.makespan_bound_s is not None
+    assert 0.0 < plain.makespan_bound_s <= plain.makespan_s
     rater = _rater(first, shortcuts=True)
     for plan in _walk(_work(first), first.task_plan, 4):
         rated = rater.rate(_work(first), plan)
-        assert rated is None or plain.load_bound_s <= rated.makespan_s
+        assert rated is None or plain.makespan_bound_s <= rated.makespan_s
 
 
 BASES = {

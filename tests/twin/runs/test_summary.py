@@ -47,7 +47,7 @@ def test_figures_of_a_small_run() -> None:
             {"key": "--no-audit", "check": "Whether what was executed is audited."}
         ],
         "makespan_asynchronous_s": None,
-        "load_bound_s": None,
+        "makespan_bound_s": None,
     }
     assert json.loads(json.dumps(summary)) == summary
 

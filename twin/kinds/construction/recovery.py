@@ -192,9 +192,7 @@ class ConstructionRecovery(Planner[_Built]):
         problem = self._problem(tpg.cell, built, ledger, placed, attachments, at.out)
         names = {part.name for part in problem.parts}
         held = {
-            name: own
-            for name, own in attachments.items()
-            if own.holder is not None and own.holder not in at.out
+            name: own for name, own in attachments.items() if own.holder is not None
         }
         robots = {r.name: at.state.configurations[r.name] for r in tpg.cell.robots}
         complete = frozenset(at.complete)

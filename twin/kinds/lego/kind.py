@@ -35,6 +35,7 @@ from twin.kinds.lego.section import (
 )
 from twin.kinds.lego.structure import StructureSection, read_structure
 from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.execution import StepWindowSection
 from twin.scenario.sections.kind import ASSIGNMENT, AssemblyKind
 from twin.scenario.sections.shapes import Colour, to_planning_class
 
@@ -47,6 +48,12 @@ if TYPE_CHECKING:
 
 _STOCK_MARGIN = 3
 """Margin around the stock in studs without temporary bricks."""
+
+_MOST_AT_ONCE = 100
+"""Number of steps up to which ``twin operate`` plans all of them at once."""
+
+_WINDOW = StepWindowSection(steps=8, least=3)
+"""Rolling planning window of larger assemblies: small, as each revision plans all of its steps."""
 
 SEQUENCE = "which brick when"
 """Name of a stage for progress displays."""
@@ -71,6 +78,10 @@ class LegoKind(AssemblyKind):
         """Return the number of bricks that are placed."""
         structure = build_structure(self.section)
         return len(self.section.steps if structure is None else structure)
+
+    def step_window(self) -> StepWindowSection | None:
+        """Return the rolling planning window of ``twin operate``; see ``AssemblyKind``."""
+        return _WINDOW if self.steps() > _MOST_AT_ONCE else None
 
     def supply(self) -> str:
         """Return a description of the supply."""

@@ -164,7 +164,8 @@ class ExecutionSection(Disturbances):
         late: parts that are not there in time, which nobody knows beforehand, for ``twin operate``.
         changes: of what is wanted, for ``twin operate``.
         recovery: what is done then, and when a skill has failed for good.
-        window: how many steps ``twin operate`` plans ahead; all when not given.
+        window: how many steps ``twin operate`` plans ahead; by default all of them, or few at a time of a
+            large assembly of bricks; ``all`` for all of them.
     """
 
     policy: PolicyName = "asynchronous"
@@ -179,7 +180,12 @@ class ExecutionSection(Disturbances):
     late: tuple[LatePart, ...] = ()
     changes: tuple[OrderChange, ...] = ()
     recovery: RecoverySection = RecoverySection()
-    window: StepWindowSection | None = None
+    window: StepWindowSection | Literal["all"] | None = None
+
+    @property
+    def step_window(self) -> StepWindowSection | None:
+        """The rolling planning window; None to plan all steps at once."""
+        return None if self.window == "all" else self.window
 
     def skill_models(self, folder: Path = Path()) -> dict[str, DurationModel]:
         """Return the duration model of every skill, without exceptions.

@@ -24,6 +24,7 @@ from twin.durations.model import DurationModel, PackagedSkill
 from twin.host.progress import StageWatch
 from twin.registry import KINDS
 from twin.scenario.sections.cell import CellSection, RobotSection
+from twin.scenario.sections.execution import StepWindowSection
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -196,6 +197,10 @@ class AssemblyKind(Protocol):
             TwinError: the assembly cannot be built as it is.
         """
         raise RequestError(NO_WINDOW)
+
+    def step_window(self) -> StepWindowSection | None:
+        """Return the rolling planning window of ``twin operate`` where the scenario has none; None for all steps."""
+        return None
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return planned motions with what only this kind knows of them."""
