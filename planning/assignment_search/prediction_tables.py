@@ -242,9 +242,10 @@ class _TableBuilder:
         parts = _PIECES.get(item.kind, _SKILL_PIECES)
         if item.seconds == 0.0:
             parts = 1
+        at = _at(item, np.linspace(0.0, 1.0, parts * (SAMPLES - 1) + 1))
         for k in range(parts):
-            shares = np.linspace(k / parts, (k + 1) / parts, SAMPLES)
-            self._volume.append(self._piece(item.robot, _at(item, shares)))
+            first = k * (SAMPLES - 1)
+            self._volume.append(self._piece(item.robot, at[first : first + SAMPLES]))
             self._until.append((k + 1) / parts)
         self._piece_first.append(len(self._volume))
 

@@ -22,6 +22,9 @@ from planning.transforms import Array, Indices
 
 _PENDING = -1.0
 
+_SAME = 1e-9
+"""Makespans that differ by less are the same: sums in different orders are [s]."""
+
 
 class RolloutState(NamedTuple):
     """State of a rollout.
@@ -32,8 +35,8 @@ class RolloutState(NamedTuple):
         done: time at which each operation of a step is complete, shape (steps, most) [s].
         done_kind: time at which the last operation of each kind is complete in a step, shape (steps, kinds) [s].
         clock: time until which each robot is busy, shape (r,) [s].
-        left_s: total duration of each robot's operations that are not dispatched, without travel between steps,
-            shape (r,) [s].
+        left_s: least total duration of each robot's operations that are not dispatched, with the travel between
+            them and to HOME, shape (r,) [s].
         at: number of each robot's configuration, shape (r,).
         held, held_step: volumes that each robot has occupied, with their steps, shape (r, h).
         held_until: time at which it leaves each of them, shape (r, h) [s].
@@ -83,7 +86,11 @@ def make_state(model: PredictionModel) -> RolloutState:
 
 
 def predict_makespan(
-    model: PredictionModel, chosen: Indices, *, conflicts: bool = True
+    model: PredictionModel,
+    chosen: Indices,
+    *,
+    conflicts: bool = True,
+    most: float = np.inf,
 ) -> float:
     """Return the predicted makespan of an assignment [s].
 
@@ -91,9 +98,10 @@ def predict_makespan(
         model: of the assembly.
         chosen: number of the choice of each step, shape (steps,).
         conflicts: whether robots wait where others are in their way.
+        most: makespan above which the prediction is infinity [s].
     """
-    state = make_state(model)
-    return float(roll_out(model.tables, model.volumes, state, chosen, conflicts))
+    tables, volumes, state = model.tables, model.volumes, make_state(model)
+    return float(roll_out(tables, volumes, state, chosen, conflicts, most))
 
 
 @kernel
@@ -103,9 +111,10 @@ def roll_out(
     state: RolloutState,
     chosen: Indices,
     conflicts: bool,
+    most: float,
 ) -> float:
     """Return the predicted makespan of an assignment [s]; see ``predict_makespan``."""
-    return run_rollout(tables, volumes, state, chosen, conflicts, np.inf)
+    return run_rollout(tables, volumes, state, chosen, conflicts, most)
 
 
 @inner_kernel
@@ -120,6 +129,10 @@ def run_rollout(
     """Return the predicted makespan of an assignment, infinity where it exceeds ``most`` [s]."""
     left = _queue_operations(tables, state, chosen)
     queue, head, queued = state.queue, state.head, state.queued
+    most += _SAME
+    for r in range(len(queued)):
+        if state.left_s[r] > most:
+            return np.inf
     while left > 0:
         best, soonest = -1, np.inf
         for r in range(len(queued)):
@@ -136,9 +149,17 @@ def run_rollout(
             return np.inf
     makespan = 0.0
     for r in range(len(queued)):
-        first = tables.travel_first[r] + state.at[r] * tables.starts[r]
-        makespan = max(makespan, state.clock[r] + tables.travel[first])
+        makespan = max(makespan, state.clock[r] + _travel_s(tables, state, r, 0))
     return makespan
+
+
+@inner_kernel
+def _travel_s(
+    tables: PredictionTables, state: RolloutState, r: int, start: int
+) -> float:
+    """Return the duration of a robot's straight motion to a start configuration, 0 for HOME [s]."""
+    row = tables.travel_first[r] + state.at[r] * tables.starts[r]
+    return float(tables.travel[row + start])
 
 
 @inner_kernel
@@ -161,8 +182,13 @@ def _queue_operations(
             state.queue[r, state.queued[r]] = k
             state.queue_step[r, state.queued[r]] = step
             state.queued[r] += 1
+            state.left_s[r] += _travel_s(tables, state, r, tables.start[k])
             state.left_s[r] += tables.seconds[k]
+            state.at[r] = tables.end[k]
             total += 1
+    for r in range(len(state.queued)):
+        state.left_s[r] += _travel_s(tables, state, r, 0)
+        state.at[r] = 0
     return total
 
 
@@ -172,10 +198,7 @@ def _earliest_start(
 ) -> float:
     """Return when an operation could start [s]; -1 while one that it depends on is not dispatched."""
     step = state.queue_step[r, state.head[r]]
-    start = state.clock[r]
-    start += tables.travel[
-        tables.travel_first[r] + state.at[r] * tables.starts[r] + tables.start[k]
-    ]
+    start = state.clock[r] + _travel_s(tables, state, r, tables.start[k])
     gate = tables.gate[k]
     for a in range(tables.after_first[k], tables.after_first[k + 1]):
         before = state.done[step, tables.after[a]]
@@ -224,6 +247,7 @@ def _dispatch(
     else:
         now += tables.seconds[k]
     state.clock[r] = now
+    state.left_s[r] -= _travel_s(tables, state, r, tables.start[k])
     state.left_s[r] -= tables.seconds[k]
     state.at[r] = tables.end[k]
     state.head[r] += 1

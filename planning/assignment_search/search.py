@@ -1,4 +1,4 @@
-"""Search for assignments with a short predicted makespan, starting from the result of the integer program."""
+"""Search for an assignment with a short predicted makespan, starting from the result of the integer program."""
 
 from __future__ import annotations
 
@@ -13,23 +13,25 @@ from planning.cell.workcell import Workcell
 from planning.motion.sequential import MotionSettings
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
+from planning.tasks.found_assignment import FoundAssignment
 
 MOST_CHOICES = 4000
 """Greatest number of alternatives of all steps for a search, since each is expanded to tasks."""
 
-_MOVES_PER_STEP, _MOST_STEPS_SEEN = 2000, 3_000_000
-"""Moves of a search per step, and the greatest product of the numbers of moves and steps."""
-
-_SEARCHES = 2
-"""Number of searches with different seeds."""
+_MOVES_PER_STEP, _MOST_STEPS_SEEN = 1000, 1_500_000
+"""Default number of moves per step, and the greatest product of the numbers of moves and steps."""
 
 
 def search_assignments(
-    cell: Workcell, work: Assembly, plan: TaskPlan, settings: MotionSettings
-) -> list[TaskPlan]:
-    """Return assignments that are predicted to end sooner than a plan, the most promising first.
+    cell: Workcell,
+    work: Assembly,
+    plan: TaskPlan,
+    settings: MotionSettings,
+    moves: int | None = None,
+) -> FoundAssignment | None:
+    """Return the assignment that is predicted to end first among those that are looked at.
 
-    The list is empty if robots change tools or keep holding what they placed, or if there are machines: the prediction
+    There is no search if robots change tools or keep holding what they placed, or if there are machines: the prediction
     of the makespan does not model these.
 
     Args:
@@ -37,24 +39,22 @@ def search_assignments(
         work: what is built.
         plan: that of the integer program.
         settings: how tasks are turned into motions.
+        moves: assignments to look at; by default as many as the number of steps asks for.
     """
     problem = work.problem
     if problem.kept or problem.changes or cell.machines:
-        return []
+        return None
     choices = list(islice(step_choices(problem), MOST_CHOICES + 1))
     if len(choices) > MOST_CHOICES:
-        return []
+        return None
     number = {choice: k for k, choice in enumerate(choices)}
     if any(choice not in number for choice in plan.choices):
-        return []
+        return None
     model = build_model(cell, work, plan, choices, settings)
     start = np.array([number[choice] for choice in plan.choices])
     neighbours, steps = list_neighbours(model, problem), len(start)
-    moves = min(_MOVES_PER_STEP * steps, _MOST_STEPS_SEEN // steps)
-    planned, found = predict_makespan(model, start), dict[TaskPlan, float]()
-    for search in range(_SEARCHES):
-        seed = settings.seed + search
-        makespan, best = anneal(model, neighbours, start, moves, seed)
-        if makespan < planned:
-            found[TaskPlan(tuple(choices[k] for k in best))] = makespan
-    return sorted(found, key=found.__getitem__)
+    if moves is None:
+        moves = min(_MOVES_PER_STEP * steps, _MOST_STEPS_SEEN // steps)
+    makespan, best = anneal(model, neighbours, start, moves, settings.seed)
+    found = TaskPlan(tuple(choices[k] for k in best))
+    return FoundAssignment(found, predict_makespan(model, start), makespan, moves)

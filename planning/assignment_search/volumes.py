@@ -57,43 +57,56 @@ def build_volumes(
     tables = {robot.name: robot_bodies(robot).hulls for robot in cell.robots}
     sizes = [SAMPLES * len(tables[name].radius) for name in robots]
     first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    ends, radius = np.empty((first[-1], 2, 3)), np.empty(first[-1])
-    box = np.empty((len(pieces), 6))
-    for k, (name, piece) in enumerate(zip(robots, pieces, strict=True)):
-        table, own = tables[name], slice(first[k], first[k + 1])
-        place_volume(table, np.ascontiguousarray(piece), ends[own])
-        radius[own] = np.tile(table.radius + keep, SAMPLES)
-        thick = radius[own, None]
-        box[k, :3] = np.min(ends[own].min(axis=1) - thick, axis=0, initial=np.inf)
-        box[k, 3:] = np.max(ends[own].max(axis=1) + thick, axis=0, initial=-np.inf)
-    known = np.full((len(pieces), len(pieces)), _UNKNOWN, dtype=np.int8)
-    return packed(Volumes(first, ends, radius, box, known))
+    found = packed(
+        Volumes(
+            first,
+            np.empty((first[-1], 2, 3)),
+            np.empty(first[-1]),
+            np.repeat([[np.inf, -np.inf]], 3, axis=1).repeat(len(pieces), axis=0),
+            np.full((len(pieces), len(pieces)), _UNKNOWN, dtype=np.int8),
+        )
+    )
+    for name, table in tables.items():
+        own = [k for k, robot in enumerate(robots) if robot == name]
+        if own:
+            stacked = np.array([pieces[k] for k in own])
+            place_volumes(table, stacked, np.array(own), keep, found)
+    return found
 
 
 @kernel
-def place_volume(hulls: HullTable, piece: Array, ends: Array) -> None:
-    """Write the capsules of a robot at the configurations of a piece.
+def place_volumes(
+    hulls: HullTable, pieces: Array, numbers: Indices, keep: float, volumes: Volumes
+) -> None:
+    """Write the capsules of a robot on pieces of its motions, and their bounds.
 
     Args:
         hulls: the bodies of the robot.
-        piece: shape (s, n).
-        ends: starts and ends of the capsules, shape (s * capsules, 2, 3), written here [m].
+        pieces: configurations of each, shape (p, s, n).
+        numbers: of their volumes, shape (p,).
+        keep: half the distance to keep [m].
+        volumes: written here, with empty bounds.
     """
-    poses = np.empty((piece.shape[1] + 1, 4, 4))
+    poses = np.empty((pieces.shape[2] + 1, 4, 4))
     own, joint, first = hulls.ends, hulls.joint, hulls.capsule_first
-    out = 0
-    for k in range(piece.shape[0]):
-        pose_joints(hulls.robot, piece[k], poses)
-        for body in range(len(joint)):
-            at = joint[body] + 1
-            for c in range(first[body], first[body + 1]):
-                for e in range(2):
-                    for r in range(3):
-                        value = poses[at, r, 3]
-                        for i in range(3):
-                            value += poses[at, r, i] * own[c, e, i]
-                        ends[out, e, r] = value
-                out += 1
+    for p in range(len(numbers)):
+        out, box = volumes.first[numbers[p]], volumes.box[numbers[p]]
+        for k in range(pieces.shape[1]):
+            pose_joints(hulls.robot, pieces[p, k], poses)
+            for body in range(len(joint)):
+                at = joint[body] + 1
+                for c in range(first[body], first[body + 1]):
+                    thick = hulls.radius[c] + keep
+                    volumes.radius[out] = thick
+                    for e in range(2):
+                        for r in range(3):
+                            value = poses[at, r, 3]
+                            for i in range(3):
+                                value += poses[at, r, i] * own[c, e, i]
+                            volumes.ends[out, e, r] = value
+                            box[r] = min(box[r], value - thick)
+                            box[r + 3] = max(box[r + 3], value + thick)
+                    out += 1
 
 
 @inner_kernel

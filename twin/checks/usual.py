@@ -84,7 +84,7 @@ _RANGES: Mapping[str, UsualRange] = {
     # Planning.
     "step_s": UsualRange(0.002, 0.5, "s", "motions are looked at every 10 to 100 ms"),
     "attempts": UsualRange(1, 200, "", "more attempts find nothing new"),
-    "shortcut_candidates sidestep_candidates improve_tries search_limit": UsualRange(1, 500_000, "", "more gains nothing"),
+    "shortcut_candidates sidestep_candidates assignment_moves improve_tries search_limit": UsualRange(1, 500_000, "", "more gains nothing"),
     "shortcut_s improve_s": UsualRange(1e-3, 86_400, "s", "planning takes up to hours"),
 }  # fmt: skip
 

@@ -26,6 +26,7 @@ class RunHeader:
         fits: how parts fit where they are put, step by step.
         idle: by robot that gets no task: why, and how many steps it can serve.
         makespan_bound_s: lower bound of the makespan over all assignments, where known [s].
+        assignment_search: what the search for an assignment gained, where there was one.
         makespan_asynchronous_s: makespan of the sequential plan, released asynchronously, where the
             plan has an improved task order and shortcuts [s].
         operated: whether the run replans after failures.
@@ -45,6 +46,7 @@ class RunHeader:
     fits: Sequence[Mapping[str, Any]] = ()
     idle: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     makespan_bound_s: float | None = None
+    assignment_search: Mapping[str, Any] | None = None
     makespan_asynchronous_s: float | None = None
     operated: bool = False
     answered: bool = False

@@ -42,6 +42,7 @@ _STAGES = {
     "sequence": "which brick when",
     "assignment": "who does what",
     "motion": "motions",
+    "assignment_search": "shorter assignment",
     "synchronous": "who moves at once",
     "tpg": "what waits for what",
     "shortcut": "shortcuts",
@@ -93,6 +94,7 @@ def summarize_run(
             for name, own in tracking_errors(tpg, run.measured).items()
         },
         "windows": window_summary(tpg, run),
+        "assignment_search": header.assignment_search,
     }
     if "line" in HOOKS:
         further["line"] = HOOKS.load("line")(tpg, run, due_s, start_up)
@@ -368,7 +370,21 @@ def _makespan_rows(
         shorter = 100 * max(0.0, 1 - least / makespan)
         words = f"at most {shorter:.1f} % shorter plans exist with these grips"
         rows.append(("lower bound, any choice", f"{least:.2f} s", words))
+    if search := summary.get("assignment_search"):
+        rows.append(_search_row(search))
     return rows
+
+
+def _search_row(search: Mapping[str, Any]) -> tuple[str, str, str]:
+    compared = _compared(
+        search["predicted_s"], search["predicted_start_s"], "integer program"
+    )
+    verdict = "taken" if search["taken"] else "not taken"
+    if search["rated_s"] is not None and search["rated_start_s"] is not None:
+        rated = _compared(search["rated_s"], search["rated_start_s"], "it")
+        verdict = f"with motions {rated}: {verdict}"
+    predicted = f"{search['predicted_s']:.2f} s"
+    return ("predicted, searched assignment", predicted, f"{compared}; {verdict}")
 
 
 def _compared(makespan: float, other: float, name: str) -> str:

@@ -124,6 +124,15 @@ class _Operation(TypedDict):
     dropped: NotRequired[dict[str, str]]
 
 
+class _AssignmentSearch(TypedDict):
+    moves: int
+    predicted_start_s: float
+    predicted_s: float
+    rated_start_s: float | None
+    rated_s: float | None
+    taken: bool
+
+
 class RunSummary(TypedDict):
     """Figures of a run that are printed."""
 
@@ -136,6 +145,7 @@ class RunSummary(TypedDict):
     makespan_asynchronous_s: NotRequired[float | None]
     lower_bound_s: float
     makespan_bound_s: NotRequired[float | None]
+    assignment_search: NotRequired[_AssignmentSearch]
     wait_s: dict[str, float]
     failure: NotRequired[str | None]
     raised_skills: NotRequired[int]

@@ -43,7 +43,15 @@ COMPARED = tuple(name for name in NAMED_POLICIES if name != OPEN_LOOP)
 SEEDS = "seeds"
 """Name of the stage that counts seeds, for progress displays."""
 
-STAGES = ("sequence", "assignment", "motion", "synchronous", "tpg", "shortcut")
+STAGES = (
+    "sequence",
+    "assignment",
+    "motion",
+    "assignment_search",
+    "synchronous",
+    "tpg",
+    "shortcut",
+)
 """Stages of planning, in their order."""
 
 TOTAL = "total"

@@ -63,6 +63,7 @@ def run_header(
         plan=plan.name,
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
         makespan_bound_s=plan.makespan_bound_s,
+        assignment_search=None if plan.search is None else plan.search.content(),
         # The sequential plan kept next to one in slots has no type-2 edges.
         makespan_asynchronous_s=None
         if plan.turns is None or plan.name != SHORTENED

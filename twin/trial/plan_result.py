@@ -15,6 +15,7 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.arguments import checks_arguments
+from twin.planning.assignment_gain import AssignmentGain
 from twin.planning.build_workcell import build_workcell
 from twin.planning.idle_robots import IdleRobot, idle_robots_of_manifest
 from twin.runs.folder import PLAN_FILES, TURNS, require_recorded_hashes
@@ -40,6 +41,7 @@ class PlanResult:
         planning_s: wall-clock seconds of each stage of planning; empty for a plan that was read.
         makespan_bound_s: lower bound of the makespan at nominal durations over all assignments
             [s], None where that was not worked out.
+        search: what the search for an assignment gained, None where there was none.
         warnings: warnings of the check of the cell.
         fits: clearances of parts at their places by step, from the check.
         idle: robots that get no task, and why; empty for a plan that was read from a folder without a manifest.
@@ -54,6 +56,7 @@ class PlanResult:
     plans: Mapping[str, TemporalPlanGraph] = field(default_factory=dict, kw_only=True)
     planning_s: Mapping[str, float] = field(default_factory=dict)
     makespan_bound_s: float | None = None
+    search: AssignmentGain | None = None
     warnings: tuple[str, ...] = ()
     fits: tuple[Mapping[str, Any], ...] = ()
     idle: tuple[IdleRobot, ...] = ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -17,6 +17,7 @@ from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import Report, StageWatch, report_nothing
+from twin.planning.assignment_gain import AssignmentGain
 from twin.planning.idle_robots import find_idle_robots
 from twin.planning.pipeline import (
     MOST_CANDIDATES,
@@ -45,9 +46,11 @@ from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 
 if TYPE_CHECKING:
-    from scheduling.ordering.plan_rating import RatedPlan
+    from planning.tasks.assembly import Assembly
+    from planning.tasks.assignment import TaskPlan
+    from scheduling.ordering.plan_rating import PlanRater, RatedPlan
 
-CREWS, SEARCH = "who takes part", "who does what"
+CREWS, SEARCH = "who takes part", "shorter assignment"
 """Names of the stages for progress displays."""
 
 _NEAR = 0.05
@@ -55,6 +58,9 @@ _NEAR = 0.05
 
 _CLOSE = 0.01
 """Share within which they may turn those of two plans of the same robots."""
+
+_LEAST_GAIN = 0.01
+"""Least share by which an assignment must be predicted to end sooner for its motions to be planned."""
 
 _NO_SKILLS = {
     TaskKind.TRANSIT,
@@ -103,7 +109,7 @@ def plan_scenario(
     """Plan a scenario from the cell to the temporal plan graph.
 
     The seconds of its stages are sequence (where the scenario gives a structure), assignment,
-    motion, synchronous (where the plan is made in slots), tpg; of a construction checks, search,
+    motion, assignment_search (where it is searched), synchronous (where the plan is made in slots), tpg; of a construction checks, search,
     keyframes, path, tpg.
 
     Args:
@@ -214,11 +220,15 @@ def _shortest(
     case: LoadedScenario, motions: PlannedMotions, watch: StageWatch
 ) -> PlanResult:
     """Return the shortest plan over assignments and subsets of robots, for the planned products."""
-    first, *others = _promising_motions(case.sections, motions, watch)
+    (first, *others), searched = _promising_motions(case.sections, motions, watch)
     plan = _coordinated(case, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)
-    return replace(plan, idle=find_idle_robots(plan.tpg, motions, case.sections.kind))
+    idle = find_idle_robots(plan.tpg, motions, case.sections.kind)
+    if searched is None:
+        return replace(plan, idle=idle)
+    taken = plan.motions is not motions and plan.motions.task_plan == searched.plan
+    return replace(plan, idle=idle, search=replace(searched.gain, taken=taken))
 
 
 def _shorter(
@@ -351,44 +361,90 @@ def searches_assignment(scenario: Scenario) -> bool:
     return wanted and scenario.kind.chooses_robots and "assignment search" in HOOKS
 
 
+@dataclass(frozen=True)
+class _Searched:
+    """A searched assignment.
+
+    Attributes:
+        gain: what it gains.
+        rated: its plan, None where it is not worth planning or has no motions.
+    """
+
+    gain: AssignmentGain
+    rated: RatedPlan | None
+
+    @property
+    def plan(self) -> TaskPlan | None:
+        """The assignment with which motions were found."""
+        return None if self.rated is None else self.rated.task_plan
+
+
 def _promising_motions(
     scenario: Scenario, first: PlannedMotions, watch: StageWatch
-) -> list[PlannedMotions]:
+) -> tuple[list[PlannedMotions], _Searched | None]:
     """Return motions of the integer program's plan, and of better rated ones, best rated first.
 
-    Without shortcuts a graph is cheap, and those of all subsets are compared. The time counts as
-    assignment.
+    Without shortcuts a graph is cheap, and those of all plans are compared.
     """
     from scheduling.ordering.plan_rating import PlanRater
     from scheduling.ordering.robot_subsets import rate_robot_subsets
 
     crews, searches = chooses_robot_subset(scenario), searches_assignment(scenario)
     if not (crews or searches) or (work := first.work) is None:
-        return [first]
+        return [first], None
     shortcuts = planned_shortcuts(scenario) > 0
     rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
+    searched: _Searched | None = None
     others: list[RatedPlan] = []
     if searches:
-        with watch.stage("assignment", SEARCH):
-            search = HOOKS.load("assignment search")
-            plans = search(first.cell, work, first.task_plan, first.settings)
-            rated = [rater.rate(work, plan) for plan in plans]
-            others = [plan for plan in rated if plan is not None]
+        with watch.stage("assignment_search", SEARCH):
+            searched = _search_assignment(scenario, first, work, rater)
+        if searched is not None and searched.rated is not None:
+            others = [searched.rated]
     if not (crews or others):
-        return [first]
-    with watch.stage("assignment", CREWS if crews else SEARCH):
+        return [first], searched
+    stage = ("assignment", CREWS) if crews else ("assignment_search", SEARCH)
+    with watch.stage(*stage):
         start = rater.rate_motions(work, first.task_plan, first.motion_plan)
         found = [start]
         if crews:
             found = rate_robot_subsets(rater, work, start, watch.reporter(CREWS))
+    if searched is not None:
+        gain = replace(searched.gain, rated_start_s=start.makespan_s)
+        searched = replace(searched, gain=gain)
     found = sorted([*found, *others], key=lambda plan: plan.makespan_s)
     near = _NEAR if crews else _CLOSE
     longest = found[0].makespan_s * (1.0 + near) if shortcuts else np.inf
+    if shortcuts and not crews and found[0] is start:
+        # Shortcuts take most of the time of planning: not for a plan that is rated longer.
+        return [first], searched
     return [
         first if plan is start else _with_plan(scenario, first, plan)
         for plan in found
-        if plan is start or plan.makespan_s <= longest
-    ]
+        if (plan is start and crews) or plan.makespan_s <= longest
+    ], searched
+
+
+def _search_assignment(
+    scenario: Scenario, first: PlannedMotions, work: Assembly, rater: PlanRater
+) -> _Searched | None:
+    """Return the assignment that a search finds, rated where that may pay; None without a search."""
+    wanted = scenario.planning.assignment_moves
+    moves = None if wanted == "auto" else wanted
+    search = HOOKS.load("assignment search")
+    found = search(first.cell, work, first.task_plan, first.settings, moves)
+    if found is None:
+        return None
+    rated = None
+    if found.predicted_s < found.start_s * (1.0 - _LEAST_GAIN):
+        rated = rater.rate(work, found.plan)
+    gain = AssignmentGain(
+        found.moves,
+        found.start_s,
+        found.predicted_s,
+        rated_s=None if rated is None else rated.makespan_s,
+    )
+    return _Searched(gain, rated)
 
 
 def _with_plan(

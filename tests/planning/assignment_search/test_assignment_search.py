@@ -1,6 +1,8 @@
 """Predicted makespans against longest paths in Python, and the search against trying every assignment."""
 
 from collections import defaultdict
+from collections.abc import Iterator
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -15,7 +17,9 @@ from planning.motion.full_turns import without_turns
 from planning.motion.makespan_bound import makespan_bound_s
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
+from planning.tasks.found_assignment import FoundAssignment
 from planning.transforms import Array, Indices
+from scheduling.graph.plan_files import plan_sha256
 from scheduling.planned_motions import PlannedMotions
 from tests.twin.planning.facing_arms import FACING_ARMS
 from tests.twin.written import loaded
@@ -69,6 +73,19 @@ def _numbers(*chosen: int) -> Indices:
     return np.array(chosen, dtype=np.int64)
 
 
+def _valid(model: PredictionModel) -> Iterator[Indices]:
+    """Yield every assignment that uses each object once, and none before what lies on it."""
+    for chosen in product(*_of_steps(model)):
+        used: list[str] = []
+        for k in chosen:
+            choice = model.choices[k]
+            if choice.object in used or not choice.primary.after <= set(used):
+                break
+            used.append(choice.object)
+        else:
+            yield _numbers(*chosen)
+
+
 def _longest_path(first: PlannedMotions, plan: TaskPlan) -> float:
     """Return the makespan where no robot is ever in another's way [s]."""
     work, cell, settings = _work(first), first.cell, first.settings
@@ -120,7 +137,25 @@ def test_prediction_without_conflicts_is_the_longest_path(
         plan = TaskPlan(tuple(model.choices[k] for k in chosen))
         predicted = predict_makespan(model, chosen, conflicts=False)
         assert predicted == pytest.approx(_longest_path(first, plan), abs=1e-9)
-        assert predict_makespan(model, chosen) >= predicted - 1e-9
+        whole = predict_makespan(model, chosen)
+        assert whole >= predicted - 1e-9
+        assert predict_makespan(model, chosen, most=whole) == whole
+        assert predict_makespan(model, chosen, most=whole - 1e-6) == np.inf
+
+
+def test_bounds_of_volumes_are_tight(model: PredictionModel) -> None:
+    volumes = model.volumes
+    first, ends, radius, box = (
+        volumes.first,
+        volumes.ends,
+        volumes.radius,
+        volumes.box,
+    )
+    for k in range(len(box)):
+        own = slice(first[k], first[k + 1])
+        thick = radius[own, None, None]
+        assert box[k, :3] == pytest.approx((ends[own] - thick).min(axis=(0, 1)))
+        assert box[k, 3:] == pytest.approx((ends[own] + thick).max(axis=(0, 1)))
 
 
 def test_search_finds_the_best_of_all_assignments(
@@ -129,16 +164,7 @@ def test_search_finds_the_best_of_all_assignments(
     problem = _work(first).problem
     number = {choice: k for k, choice in enumerate(model.choices)}
     start = _numbers(*(number[choice] for choice in first.task_plan.choices))
-    least = np.inf
-    for chosen in product(*_of_steps(model)):
-        used: list[str] = []
-        for k in chosen:
-            choice = model.choices[k]
-            if choice.object in used or not choice.primary.after <= set(used):
-                break
-            used.append(choice.object)
-        else:
-            least = min(least, predict_makespan(model, _numbers(*chosen)))
+    least = min(predict_makespan(model, chosen) for chosen in _valid(model))
     neighbours = list_neighbours(model, problem)
     tries = [anneal(model, neighbours, start, 20_000, seed) for seed in range(5)]
     found, best = min(tries, key=lambda found: found[0])
@@ -147,8 +173,40 @@ def test_search_finds_the_best_of_all_assignments(
 
 
 def test_a_search_makes_no_plan_longer(tmp_path: Path) -> None:
-    text = SCENARIO + "planning: {shortcut_candidates: 0, assignment: %s}\n"
+    text = SCENARIO + "planning: {shortcut_candidates: 30, assignment: %s}\n"
+    paper, search, again = (
+        plan_scenario(loaded(tmp_path, text % how))
+        for how in ("paper", *2 * ["search, assignment_moves: 700"])
+    )
+    assert search.makespan_s <= paper.makespan_s + 1e-6
+    assert paper.search is None
+    gain = search.search
+    assert gain is not None
+    assert gain.moves == 700
+    assert gain.predicted_s <= gain.predicted_start_s
+    assert gain == again.search
+    assert plan_sha256(search.tpg) == plan_sha256(again.tpg)
+
+
+@pytest.mark.parametrize(("predicted_s", "rates"), [(50.0, True), (99.5, False)])
+def test_what_only_the_prediction_promises_is_not_taken(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    model: PredictionModel,
+    predicted_s: float,
+    rates: bool,
+) -> None:
+    longest = max(_valid(model), key=partial(predict_makespan, model))
+    slow = TaskPlan(tuple(model.choices[k] for k in longest))
+    found = FoundAssignment(slow, 100.0, predicted_s, 1)
+    module = "planning.assignment_search.search.search_assignments"
+    monkeypatch.setattr(module, lambda *_: found)
+    text = SCENARIO + "planning: {shortcut_candidates: 30, assignment: %s}\n"
     paper, search = (
         plan_scenario(loaded(tmp_path, text % how)) for how in ("paper", "search")
     )
-    assert search.makespan_s <= paper.makespan_s + 1e-6
+    gain = search.search
+    assert gain is not None
+    assert not gain.taken
+    assert (gain.rated_s is not None) == rates
+    assert plan_sha256(search.tpg) == plan_sha256(paper.tpg)

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import two_robot_tpg
+from twin.planning.assignment_gain import AssignmentGain
 from twin.runs.header import RunHeader
-from twin.runs.summary import summarize_run
+from twin.runs.summary import summarize_run, summary_rows
 from twin.throughput.throughput import line_figures, start_up_of, takts_s
 
 
@@ -48,6 +50,25 @@ def test_figures_of_a_small_run() -> None:
         "makespan_bound_s": None,
     }
     assert json.loads(json.dumps(summary)) == summary
+
+
+@pytest.mark.parametrize(
+    ("gain", "words"),
+    [
+        ((100.0, 90.0, 110.0, 104.5, True), "10.0 % below integer program; with motions 5.0 % below it: taken"),
+        ((100.0, 100.0, None, None, False), "0.0 % below integer program; not taken"),
+    ],
+)  # fmt: skip
+def test_a_summary_says_what_a_searched_assignment_gains(
+    gain: tuple[Any, ...], words: str
+) -> None:
+    tpg = two_robot_tpg([(0, 1, 1, 0)])
+    found = AssignmentGain(700, *gain)
+    header = RunHeader(assignment_search=found.content())
+    summary = summarize_run(tpg, simulate(tpg), "toy", header)
+    assert AssignmentGain(**summary["assignment_search"]) == found
+    rows = {label: rest for label, *rest in summary_rows(summary)}
+    assert rows["predicted, searched assignment"] == [f"{gain[1]:.2f} s", words]
 
 
 def test_the_lower_bound_keeps_task_dependencies() -> None:

@@ -94,6 +94,7 @@ class PlanningSection(Section):
         attempts: transit searches, each longer than the one before, until the planner gives up.
         assignment: ``paper`` takes the assignment of the integer program, as APEX-MR does; ``search`` looks for ones
             that are predicted to end sooner as well, and takes the one whose plan does.
+        assignment_moves: assignments that ``search`` looks at; ``auto`` goes by the number of steps.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
             into slots in which robots move at once.
         joint_planning: which transits of a plan in slots are planned as one robot: ``conflicts``
@@ -120,6 +121,9 @@ class PlanningSection(Section):
     planner: Annotated[Name, AfterValidator(_registered_planner)] = "rrt-connect"
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
     assignment: Literal["paper", "search"] = "paper"
+    assignment_moves: Annotated[int, Field(ge=1, le=1_000_000)] | Literal["auto"] = (
+        "auto"
+    )
     coordination: Literal["sequential", "synchronous"] = "sequential"
     joint_planning: Literal["conflicts", "always"] = "conflicts"
     paths: Literal["auto", "rrt"] = "auto"

@@ -27,6 +27,7 @@ _STAGE_STYLE = {
     "sequence": ("#5b4a8a", "assembly sequence", "sequence"),
     "assignment": ("#a99bd0", "who does what", "tasks"),
     "motion": ("#8ecdb8", "motions in turn", "motions"),
+    "assignment_search": ("#7fa3c7", "shorter assignment", "search"),
     "synchronous": ("#e3c64e", "slots", "slots"),
     "tpg": ("#2f7f66", "what waits for what", "TPG"),
     "shortcut": ("#c4566f", "shortcuts", "shortcuts"),
