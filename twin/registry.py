@@ -214,6 +214,7 @@ HOOKS = Group(
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explorations.designs:begin_named_design",
         "assignment search": "planning.assignment_search.search:search_assignments",
+        "makespan bound": "planning.makespan_bound.makespan_bound:makespan_bound_s",
     },
 )
 """Functions of optional parts that the core calls where they are installed."""

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from planning.errors import PlanInvariantError, ScenarioError
-from planning.motion.makespan_bound import makespan_bound_s
 from planning.tasks.task import TaskKind
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -167,8 +166,11 @@ def plan_scenario(
         return _repeated(plan, watch)
     if used.work is None:
         return plan
-    bound = makespan_bound_s(used.cell, used.work, used.task_plan, used.settings)
-    return replace(plan, makespan_bound_s=bound)
+    if "makespan bound" not in HOOKS:
+        return plan
+    bound = HOOKS.load("makespan bound")
+    least = bound(used.cell, used.work, used.task_plan, used.settings)
+    return replace(plan, makespan_bound_s=least)
 
 
 def _wanted(

@@ -13,8 +13,8 @@ from planning.assignment_search.annealing import anneal, list_neighbours
 from planning.assignment_search.operations import list_operations
 from planning.assignment_search.prediction_tables import PredictionModel, build_model
 from planning.assignment_search.rollout import predict_makespan
+from planning.makespan_bound.makespan_bound import makespan_bound_s
 from planning.motion.full_turns import without_turns
-from planning.motion.makespan_bound import makespan_bound_s
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
 from planning.tasks.found_assignment import FoundAssignment

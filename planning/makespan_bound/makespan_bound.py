@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.motion.choice_times import (
+from planning.makespan_bound.choice_times import (
     ChoiceReader,
     ChoiceTimes,
     LeastSeconds,

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import planning.motion.makespan_bound as module
+import planning.makespan_bound.makespan_bound as module
 from planning.cell.motion_limits import MotionLimits
-from planning.motion.choice_times import NEVER, ChoiceTimes, least_seconds
-from planning.motion.makespan_bound import least_makespan
+from planning.makespan_bound.choice_times import NEVER, ChoiceTimes, least_seconds
+from planning.makespan_bound.makespan_bound import least_makespan
 from planning.motion.speed import LimitedSpeed
 from planning.tasks.assignment import PrimaryCandidate, StepChoice
 from planning.transforms import Array

@@ -1,0 +1,1 @@
+"""Lower bound of the makespan over all choices of robots, objects, grips and supports."""
