@@ -166,7 +166,7 @@ COMMANDS = Group(
         "validate": "twin.commands.scenarios:validate",
         "check": "twin.checks.commands:check",
         "sequence": "twin.kinds.lego.sequence:sequence",
-        "compare": "twin.studies.commands:compare",
+        "compare": "twin.studies.compare_command:compare",
         "study": "twin.studies.commands:study",
         "explore": "twin.explorations.commands:explore",
         "replay": "twin.rerun.commands:replay",

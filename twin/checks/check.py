@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from twin.checks.finding import CheckContext, Finding, Findings, FittedPart
+from twin.checks.meshes import check_meshes
 from twin.checks.placements import (
     check_centres,
     check_fixtures,
-    check_meshes,
     check_starts,
 )
 from twin.checks.reach import check_reach

@@ -1,4 +1,4 @@
-"""Checks of start poses and shapes: overlaps, unsupported objects, centres of mass, and meshes with holes."""
+"""Checks of start poses: overlaps, unsupported objects, and centres of mass."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from planning.cell.shape import Mesh
 from planning.contacts.interference import format_depth, overlap_depth
 from planning.contacts.touching import (
     PlacedObject,
@@ -14,8 +13,6 @@ from planning.contacts.touching import (
     nearby_entities,
     standing_fixtures,
 )
-from planning.meshes.holes import closed_surface
-from planning.transforms import Array, Indices
 from twin.checks.finding import (
     CheckContext,
     Finding,
@@ -29,12 +26,6 @@ _MISPLACED = 0.002
 
 _MERGED = 0.005
 """Fixtures of one piece of furniture may overlap by this [m]."""
-
-_MISSED = 1e-4
-"""So much of a surface may be outside of all pieces before it is worth a word [m]."""
-
-_OPEN = 0.005
-"""A mesh of which no more is missing is closed but for cracks, share of its surface."""
 
 
 def check_starts(subject: CheckContext) -> Findings:
@@ -159,68 +150,3 @@ def _below(placed: Sequence[tuple[str, PlacedObject]], name: str) -> str:
         if best is None or drop < best[0]:
             best = drop, other
     return "" if best is None else f"; {best[1]} is {format_millimetres(best[0])} below"
-
-
-def check_meshes(subject: CheckContext) -> Findings:
-    """Yield meshes with holes, those not covered by their convex pieces, and simplified ones."""
-    things = [(f.name, f.shape) for f in subject.cell.fixtures]
-    things += [(o.name, o.shape) for o in subject.cell.objects]
-    meshes = [
-        (name, element.form)
-        for name, shape in things
-        for element in shape.elements
-        if isinstance(element.form, Mesh)
-    ]
-    for name, mesh in meshes:
-        at, missing = (
-            subject.thing_at(name, "shape"),
-            missing_surface_share(mesh.vertices, mesh.faces),
-        )
-        if mesh.missed > _MISSED:
-            yield Finding(
-                at,
-                f"the surface of {name} is up to {format_millimetres(mesh.missed)} outside"
-                " of the convex pieces that planning sees: close its holes, or give a smaller"
-                " within_m",
-                code="covered",
-                parts=(name,),
-                figures=(mesh.missed,),
-            )
-        if mesh.simplified > 0.0:
-            yield Finding(
-                at,
-                f"the mesh of {name} has {len(mesh.faces)} triangles: its convex pieces were cut from a simplified"
-                f" copy, up to {format_millimetres(mesh.simplified)} off, and extended to contain the whole mesh;"
-                " for closer pieces, simplify it (MeshLab, Blender)",
-                code="simplified",
-                parts=(name,),
-                figures=(mesh.simplified,),
-            )
-        if missing > _OPEN:
-            yield Finding(
-                at,
-                f"the surface of {name} is open: {100 * missing:.2g} % of it is missing in the mesh {mesh.source}, and"
-                f" usual is at most {100 * _OPEN:g} %; planning closes the holes, which may not be what was meant:"
-                " close them in the file",
-                code="closed",
-                parts=(name,),
-                figures=(missing,),
-            )
-
-
-def missing_surface_share(vertices: Array, faces: Indices) -> float:
-    """Return the share of a surface that its holes leave out.
-
-    Cracks without an area count nothing.
-
-    Args:
-        vertices: each point once, shape (v, 3) [m].
-        faces: the three vertices of each triangle, shape (f, 3).
-
-    Returns:
-        From 0 for a closed surface to 1.
-    """
-    points, every = closed_surface(vertices, faces)
-    a, b, c = (points[every[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return float(area[len(faces) :].sum() / area.sum())

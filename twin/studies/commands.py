@@ -1,4 +1,4 @@
-"""Commands ``twin study`` and ``twin compare``: many runs of a scenario, with statistics.
+"""Command ``twin study``: many runs of a scenario, with statistics.
 
 Replications are executed in ``twin.studies.replications.runner``. Confidence intervals of means, quantiles and
 proportions are computed in ``twin.studies.replications.statistics``.
@@ -18,7 +18,6 @@ from twin.commands.options import (
     AuditEngine,
     OptionalScenarioFile,
     Quiet,
-    ScenarioFile,
     Seed,
     Shortcuts,
 )
@@ -26,7 +25,6 @@ from twin.commands.view import View
 from twin.host.guard import guarded
 
 if TYPE_CHECKING:
-    from twin.studies.compare import Comparison
     from twin.trial.loaded_scenario import LoadedScenario
     from twin.trial.plan_result import PlanResult
 
@@ -220,68 +218,3 @@ def _subject(
         raise RequestError("give a scenario file, --plan DIR or --resume DIR")
     chosen = chosen.varied({} if seed is None else {"seed": seed})
     return chosen if plan is None else read_plan(plan, chosen)
-
-
-@guarded
-def compare(
-    scenario: ScenarioFile,
-    seeds: Annotated[
-        int, typer.Option(min=1, help="Number of seeds, counted from the scenario's.")
-    ] = 4,
-    shortcuts: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            help="Maximum number tried on each plan, in place of the scenario's.",
-        ),
-    ] = None,
-    reference_skills: Annotated[
-        bool,
-        typer.Option(
-            "--reference-skills",
-            help="Skills take as long as their reference paths, as in the simulations of the"
-            " APEX-MR paper, in place of the scenario's durations.",
-        ),
-    ] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Folder for compare.json and compare.png; by default"
-            " logs/<scenario>-<UTC time>.",
-        ),
-    ] = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-) -> None:
-    """Plan a scenario with several seeds and execute it under every policy.
-
-    Sequential, synchronous and asynchronous, with and without shortcuts: all from the same paths, with the
-    same skill durations. Writes makespans and wait times, lower bounds, and planning times by stage:
-    ``compare.json`` and ``compare.png``.
-    """
-    from twin.studies import compare as comparison_api
-
-    view = View(as_json, quiet)
-    with view.progress() as progress:
-        found = comparison_api.compare(
-            scenario,
-            seeds=seeds,
-            shortcuts=shortcuts,
-            reference_skills=reference_skills,
-            out=out,
-            progress=progress,
-        )
-    _show_comparison(found, view)
-
-
-def _show_comparison(found: Comparison, view: View) -> None:
-    from twin.studies.report.comparison_chart import print_comparison
-
-    figures, folder, heading = found.figures, found.folder, found.heading
-    view.output(
-        figures,
-        lambda: print_comparison(
-            figures, folder, heading=heading, compiled=view.compiled
-        ),
-    )

@@ -11,7 +11,7 @@ from tests.planning.robots.descriptions.vendors import GRIPPER
 from tests.planted import planted
 from tests.twin.written import Change, checked, refusal, written
 from twin.checks.finding import CheckContext, Finding
-from twin.checks.placements import check_meshes
+from twin.checks.meshes import check_meshes
 from twin.reading.scenario_file import load_scenario
 
 CELL = """\

@@ -8,7 +8,7 @@ import pytest
 from trimesh.creation import box
 
 from planning.cell.shape import Mesh
-from twin.checks.placements import check_meshes
+from twin.checks.meshes import check_meshes
 
 
 @pytest.mark.parametrize("error", [0.0, 0.0015])

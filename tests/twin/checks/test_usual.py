@@ -11,7 +11,7 @@ from tests.twin.scenarios.test_hairs_breadth import CELL
 from tests.twin.written import Change, written
 from twin.checks.check import findings_without_reach
 from twin.checks.finding import CheckContext
-from twin.checks.placements import check_meshes
+from twin.checks.meshes import check_meshes
 from twin.checks.usual import (
     USUAL,
     check_physics,

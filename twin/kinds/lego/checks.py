@@ -42,10 +42,10 @@ from twin.checks.finding import (
     KindChecks,
     format_millimetres,
 )
+from twin.checks.meshes import check_meshes
 from twin.checks.placements import (
     check_centres,
     check_fixtures,
-    check_meshes,
     check_starts,
 )
 from twin.checks.reach import idle_robot, is_beyond_reach

@@ -10,10 +10,10 @@ from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import spot_pose
 from planning.transforms import Array, Transform
 from twin.checks.finding import Findings, name_in_file
+from twin.checks.meshes import check_meshes
 from twin.checks.placements import (
     check_centres,
     check_fixtures,
-    check_meshes,
     check_starts,
 )
 from twin.checks.robots import (
