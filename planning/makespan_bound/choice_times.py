@@ -1,8 +1,8 @@
 """Least times of the choices of steps, as matrices over the max-plus algebra.
 
-The clocks of a step are the time at which the work of the step before is complete, and those at which the robots
-are where they begin. Every task starts at the latest of some times, and takes a known time at least. So the clocks
-after the step are maxima of clocks before it plus constants.
+The clocks before a step are the completion time of the previous step, and the times at which the robots reach their
+first configurations. Each task starts at the maximum of some times, and has a known least duration. Therefore the
+clocks after the step are maxima of the clocks before it plus constants.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def least_seconds(speed: SpeedModel, turning: np.ndarray, apart: Array) -> Array
 
 
 class ChoiceReader:
-    """Reads the least times of choices off their tasks.
+    """Computes the least times of choices from their tasks.
 
     Args:
         cell: where it is built.
@@ -92,7 +92,7 @@ class ChoiceReader:
         everyone = (*cell.robots, *cell.machines)
         self._number = {robot.name: k for k, robot in enumerate(everyone)}
         self._planned = [self._expand(choice) for choice in plan.choices]
-        # By step: what kind of task the next step waits for, in the plan.
+        # By step: the kind of task that the next step waits for in the plan.
         self._awaited: dict[int, str] = {}
         for before, then in pairwise(self._planned):
             for task, _ in self._waits([before, then]):
@@ -154,7 +154,7 @@ class ChoiceReader:
             if task.kind in (*_CHANGES, *TaskKind.SUPPLY):
                 continue
             if not machine and task.robot not in choice.robots:
-                continue  # it lets go of what it held since an earlier step
+                continue  # it releases an object that it has held since an earlier step
             own = [done[a] for a in before[task.index] if a in done]
             if task.index in gated:
                 own.append(came)

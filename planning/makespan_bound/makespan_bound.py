@@ -1,12 +1,12 @@
 """Lower bound of the makespan over all choices of robots, objects, grips and supports.
 
-Collisions between robots, and detours around obstacles, are ignored: between two skills a robot goes straight. What is
-left are the tasks of every robot in the order of the steps, the waits within steps, those for the step before, and the
-least times between tasks. Its shortest schedule is found by dynamic programming over the steps.
+The relaxed problem ignores collisions: between two skills a robot moves straight. It keeps the tasks of each robot in the
+order of the steps, the waits within a step and for the step before, and the least times between tasks. Dynamic
+programming over the steps finds its shortest schedule.
 
-A label is what may be after some steps: where each robot is, and the clocks of ``ChoiceTimes``. Of labels with the same
-places only those are kept that no other one is ahead of. Where there are too many, neighbours are merged: the
-earliest of their clocks is a lower bound for both. That an object can be used only once is not asked for.
+A *label* is a state after some steps: the place of each robot, and the clocks of ``ChoiceTimes``. Labels that are
+dominated by another one with the same places are dropped. If too many remain, neighbours are merged: the earliest of
+their clocks are a lower bound for both. One object may be used by several steps.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class _LabelSearch:
         self._ends = {k: _Configurations(home) for k, home in homes.items()}
 
     def after(self, labels: _Labels, step: Sequence[ChoiceTimes]) -> _Labels:
-        """Return the labels after a step, whichever of its choices is made."""
+        """Return the labels after a step for all of its choices."""
         alike: dict[tuple[tuple[int, bytes], ...], list[ChoiceTimes]]
         alike = defaultdict(list)
         for item in step:
@@ -170,7 +170,7 @@ class _LabelSearch:
 
 
 def _reduced(labels: _Labels, most: int) -> _Labels:
-    """Return the labels that no other one is ahead of, merged where they are too many."""
+    """Return the labels that are not dominated, merged if they are too many."""
     places = labels.places.copy()
     while True:
         found, group = np.unique(places, axis=0, return_inverse=True)
@@ -192,13 +192,13 @@ def _reduced(labels: _Labels, most: int) -> _Labels:
 
 
 def _front(rows: Array) -> Indices:
-    """Return the indices of the rows that no other one is at most equal to, in order, shape (k,)."""
+    """Return the indices of the rows that no other row dominates, in order, shape (k,)."""
     if len(rows) == 1:
         return np.zeros(1, dtype=np.int64)
     order = np.lexsort(rows.T[::-1])
     kept = order[:0]
     for part in np.array_split(order, -(-len(order) // _AT_ONCE)):
-        # Only earlier rows in lexicographic order can be ahead of a row.
+        # Only earlier rows in lexicographic order can dominate a row.
         both = np.concatenate([kept, part])
         ahead = np.all(rows[both] <= rows[both][:, None] + _SAME, axis=-1)
         kept = both[~np.tril(ahead, -1).any(axis=1)]

@@ -12,10 +12,10 @@ class FoundAssignment:
     """Best assignment that a search found.
 
     Attributes:
-        plan: the assignment, the one that the search started from where none is better.
-        start_s: predicted makespan of the one that it started from [s].
+        plan: the assignment; the initial one if none is better.
+        start_s: predicted makespan of the initial assignment [s].
         predicted_s: predicted makespan of the best one [s].
-        moves: assignments looked at.
+        moves: number of evaluated assignments.
     """
 
     plan: TaskPlan
