@@ -231,6 +231,16 @@ class Workcell:
                 return item
         raise KeyError(f"no object {name!r}")
 
+    def kind_of(self, name: str) -> str | None:
+        """Return the kind of an object; of a station's copy that is absent, that of the object it copies.
+
+        Copies are named after their object, with a number: ``brick.2``.
+        """
+        known = {item.name: item.kind for item in self.objects}
+        while name and name not in known:
+            name = name.rpartition(".")[0]
+        return known.get(name)
+
     def start_state(self) -> WorldState:
         """Return the state in which every robot is at HOME and every object at its start.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -181,19 +181,10 @@ class ChoiceReader:
 
     def _skill_seconds(self, cell: Workcell, task: Task, origin: Array | None) -> float:
         """Return the least duration of a skill from a configuration, None for any [s]."""
-        seconds = self._settings.seconds_of(cell, _of_known(cell, task))
+        seconds = self._settings.seconds_of(cell, task)
         if seconds is not None:
             # From anywhere, some of it may be the motion to the first waypoint, which counts by itself.
             return seconds if origin is not None else 0.0
         path = task.path if origin is None else np.vstack([origin, task.path])
         moving = self._settings.speeds[task.robot].times_along(path)[-1]
         return float(moving) + sum(self._settings.still_seconds(task))
-
-
-def _of_known(cell: Workcell, task: Task) -> Task:
-    """Return a task with a present object of the same type in place of a station's copy."""
-    names = {item.name for item in cell.objects}
-    name = task.object
-    while name and name not in names:
-        name = name.rpartition(".")[0]
-    return task if name == task.object else replace(task, object=name or None)

@@ -81,7 +81,7 @@ class MotionSettings:
 
     def seconds_of(self, cell: Workcell, task: Task) -> float | None:
         """Return the nominal duration of a skill [s], None to follow its reference path."""
-        kind = None if task.object is None else cell.object(task.object).kind
+        kind = None if task.object is None else cell.kind_of(task.object)
         found = strongest_exception(self.skill_exceptions, task.kind, task.robot, kind)
         return self.skill_seconds.get(task.kind) if found is None else found
 
