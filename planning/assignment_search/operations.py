@@ -126,10 +126,10 @@ def _skill(
     after: list[int],
 ) -> RobotOperation:
     path = np.vstack([start, task.path])
-    seconds, speed = settings.seconds_of(cell, task), settings.speeds[task.robot]
-    times = path_times(path, speed)
+    seconds = settings.seconds_of(cell, task)
     if seconds is None:
-        seconds = float(speed.times_along(path)[-1]) + sum(settings.still_seconds(task))
+        seconds = settings.seconds_along(task, path)
+    times = path_times(path, settings.speeds[task.robot])
     if times[-1] > 0.0:
         times = times * (seconds / times[-1])
     else:

@@ -16,6 +16,7 @@ from planning.assignment_search.operations import (
 from planning.assignment_search.volumes import SAMPLES, Volumes, build_volumes
 from planning.cell.workcell import Workcell
 from planning.motion.full_turns import without_turns
+from planning.motion.numbered_configurations import NumberedConfigurations
 from planning.motion.sequential import MotionSettings
 from planning.packed import packed
 from planning.tasks.assembly import Assembly
@@ -128,33 +129,14 @@ def build_model(
     return PredictionModel(tuple(choices), tables, volumes, len(cell.robots))
 
 
-class _Numbers:
-    """Numbering of configurations; equal ones have the same number."""
-
-    def __init__(self) -> None:
-        self.items: list[Array] = []
-        self._known: dict[bytes, int] = {}
-
-    def number(self, item: Array) -> int:
-        """Return the number of a configuration."""
-        key = item.tobytes()
-        if key not in self._known:
-            self._known[key] = len(self.items)
-            self.items.append(item)
-        return self._known[key]
-
-
 class _TableBuilder:
     """Gathers the operations of choices."""
 
     def __init__(self, cell: Workcell, settings: MotionSettings) -> None:
         self._cell, self._settings = cell, settings
         self._number = {robot.name: k for k, robot in enumerate(cell.robots)}
-        self._starts = [_Numbers() for _ in cell.robots]
-        self._ends = [_Numbers() for _ in cell.robots]
-        for k, robot in enumerate(cell.robots):
-            self._starts[k].number(robot.home)
-            self._ends[k].number(robot.home)
+        self._starts = [NumberedConfigurations(r.home) for r in cell.robots]
+        self._ends = [NumberedConfigurations(r.home) for r in cell.robots]
         self._kinds: dict[str, int] = {TRAVEL: 0}
         self._volumes: dict[tuple[int, bytes], int] = {}
         self._pieces: list[tuple[str, Array]] = []

@@ -186,5 +186,4 @@ class ChoiceReader:
             # From anywhere, some of it may be the motion to the first waypoint, which counts by itself.
             return seconds if origin is not None else 0.0
         path = task.path if origin is None else np.vstack([origin, task.path])
-        moving = self._settings.speeds[task.robot].times_along(path)[-1]
-        return float(moving) + sum(self._settings.still_seconds(task))
+        return self._settings.seconds_along(task, path)

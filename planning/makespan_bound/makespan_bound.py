@@ -24,6 +24,7 @@ from planning.makespan_bound.choice_times import (
     LeastSeconds,
     least_seconds,
 )
+from planning.motion.numbered_configurations import NumberedConfigurations
 from planning.motion.sequential import MotionSettings
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan, step_choices
@@ -50,7 +51,7 @@ def makespan_bound_s(
 ) -> float | None:
     """Return a lower bound of the makespan at nominal durations over all choices [s].
 
-    It holds for every plan in which robots do their tasks in the order of the steps, whatever is done at once.
+    It holds for every plan in which each robot executes its tasks in the order of the steps.
 
     Args:
         cell: where it is built.
@@ -101,20 +102,6 @@ def least_makespan(
     return float(clocks.max(axis=1).min())
 
 
-class _Configurations:
-    """Configurations of a robot by number, equal ones having the same; number 0 is HOME."""
-
-    def __init__(self, home: Array) -> None:
-        self.items, self._number = [home], {home.tobytes(): 0}
-
-    def number(self, item: Array) -> int:
-        """Return the number of a configuration."""
-        found = self._number.setdefault(item.tobytes(), len(self.items))
-        if found == len(self.items):
-            self.items.append(item)
-        return found
-
-
 @dataclass(frozen=True)
 class _Labels:
     """Labels after a step.
@@ -135,7 +122,7 @@ class _LabelSearch:
         self, homes: Mapping[int, Array], seconds: LeastSeconds, most: int
     ) -> None:
         self._seconds, self._most = seconds, most
-        self._ends = {k: _Configurations(home) for k, home in homes.items()}
+        self._ends = {k: NumberedConfigurations(home) for k, home in homes.items()}
 
     def after(self, labels: _Labels, step: Sequence[ChoiceTimes]) -> _Labels:
         """Return the labels after a step for all of its choices."""

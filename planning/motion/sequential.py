@@ -85,6 +85,11 @@ class MotionSettings:
         found = strongest_exception(self.skill_exceptions, task.kind, task.robot, kind)
         return self.skill_seconds.get(task.kind) if found is None else found
 
+    def seconds_along(self, task: Task, path: Array) -> float:
+        """Return how long a skill without a nominal duration takes along a path, shape (w, n) [s]."""
+        moving = self.speeds[task.robot].times_along(path)[-1]
+        return float(moving) + sum(self.still_seconds(task))
+
     def still_seconds(self, task: Task) -> tuple[float, ...]:
         """Return the nominal durations of a skill's actuations when it has no nominal duration itself [s]."""
         return tuple(

@@ -108,8 +108,8 @@ def plan_scenario(
     """Plan a scenario from the cell to the temporal plan graph.
 
     The seconds of its stages are sequence (where the scenario gives a structure), assignment,
-    motion, assignment_search (where it is searched), synchronous (where the plan is made in slots), tpg; of a construction checks, search,
-    keyframes, path, tpg.
+    motion, assignment_search (where it is searched), synchronous (where the plan is made in slots),
+    tpg; of a construction checks, search, keyframes, path, tpg.
 
     Args:
         scenario: a checked scenario.

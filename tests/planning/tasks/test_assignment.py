@@ -21,6 +21,7 @@ from planning.tasks.assignment import (
     SupportCandidate,
     TaskPlan,
     alternative_choices,
+    step_choices,
 )
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.rolling_horizon import needs_rolling_horizon, solve_in_windows
@@ -322,21 +323,11 @@ def test_the_plans_of_a_crew_are_those_in_which_the_others_do_nothing(
         for plan in every_plan(problem)
         if all(choice.robots <= crew for choice in plan.choices)
     }
+    choices = list(step_choices(problem))
     for step in range(1, len(problem.steps) + 1):
         assert (theirs.lacking(step) is None) == any(
-            choice.robots <= crew for choice in _ways(problem, step)
+            choice.robots <= crew for choice in choices if choice.step == step
         )
-
-
-def _ways(problem: AssignmentProblem, step: int) -> Iterator[StepChoice]:
-    """Yield the ways to do a step, whatever is done in others."""
-    for p in problem.primaries_of.get(step, []):
-        if not problem.needs_support[step - 1]:
-            yield StepChoice(problem.primaries[p])
-            continue
-        for s in problem.supports_of.get(step, []):
-            if problem.compatible(p, s):
-                yield StepChoice(problem.primaries[p], problem.supports[s])
 
 
 def test_robots_take_turns_whoever_else_is_there() -> None:
