@@ -40,7 +40,7 @@ def gearbox() -> Any:
     for x, y in _corners(70, 40):
         cover -= Pos(x, y, 0) * Cylinder(3 + PLAY, 60)
         housing -= Pos(x, y, 0) * Cylinder(3 + PLAY, 200)
-    screw = _screw(3, 24, 5.5, 8)
+    screw = _screw(3.0, 24, 5.5, 8)
     turned = 180 / 18
     return _assembly(
         "gearbox",
@@ -192,7 +192,7 @@ def puzzle() -> Any:
 
 def interlocked() -> Any:
     """Two closed links of a chain on a plate, which come out of each other in no order."""
-    from build123d import Box, Pos, Rot
+    from build123d import Box
 
     plate = Box(120, 80, 10)
     link = Box(60, 40, 8) - Box(44, 24, 20)

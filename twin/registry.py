@@ -191,6 +191,7 @@ IMPORTS = Group(
         "apex-mr": "twin.kinds.lego.imports:import_apex_mr_task",
         "bricks": "twin.kinds.lego.imports:import_brick_list",
         "ldraw": "twin.kinds.lego.imports:import_ldraw",
+        "step": "twin.cad.commands:import_step",
     },
 )
 """Formats that a scenario can be created from: functions for typer, the commands of ``twin import``."""

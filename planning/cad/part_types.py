@@ -1,0 +1,193 @@
+"""Bodies of an assembly sorted by shape: those that are alike are parts of one type."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from planning.bounds import LONGEST_NAME
+from planning.cad.exact_forms import ExactForm, exact_form
+from planning.cad.glb_bodies import CadBody
+from planning.cad.same_shape import ALIKE, Corners
+from planning.transforms import Array, Transform, inverse, translation
+
+_GENERIC = re.compile(
+    r"=>\[.*|(?:solid|compound|shell|nauo)?[\d_:.\[\]-]*|open cascade step translator.*",
+    re.IGNORECASE,
+)
+"""Names that programs make up."""
+
+_LETTERS = re.compile(r"[^A-Za-z0-9_-]+")
+_FALLBACK = "part"
+_RESERVED = ("true", "false", "null", "yes", "no", "on", "off", "world")
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A body in the assembly.
+
+    Attributes:
+        name: unique, made of letters, digits, ``_`` and ``-``.
+        body: the body.
+        pose: of the frame of its type in the assembly.
+    """
+
+    name: str
+    body: CadBody
+    pose: Transform
+
+    @property
+    def triangles(self) -> Array:
+        """Corners of its triangles in the assembly, shape (f, 3, 3) [m]."""
+        at = self.body.pose
+        return np.asarray(self.body.triangles @ at[:3, :3].T + at[:3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class PartType:
+    """Bodies of one shape and colour.
+
+    Attributes:
+        name: unique among the types.
+        form: what the shape is exactly; None for a mesh.
+        placed: the bodies.
+        frame: pose of the frame of the type in the frame of the first body.
+    """
+
+    name: str
+    form: ExactForm | None
+    placed: tuple[Placed, ...]
+    frame: Transform
+
+    @cached_property
+    def vertices(self) -> Array:
+        """Corners of its mesh in the frame of the type, shape (v, 3) [m]."""
+        to_type = inverse(self.frame)
+        own = self.placed[0].body.vertices
+        return np.asarray(own @ to_type[:3, :3].T + to_type[:3, 3])
+
+    @property
+    def volume(self) -> float:
+        """Volume of one of them [m^3]."""
+        return self.placed[0].body.volume
+
+
+def sort_by_shape(bodies: Sequence[CadBody]) -> list[PartType]:
+    """Return the types of the bodies of an assembly, in the order of the file."""
+    names = unique_names(readable_name(body.names) for body in bodies)
+    found: list[_Gathered] = []
+    for name, body in zip(names, bodies, strict=True):
+        exact = exact_form(body)
+        corners = Corners(body.vertices, body.faces, body.volume)
+        for known in found:
+            pose = known.pose_in(body, exact, corners)
+            if pose is not None:
+                known.placed.append(Placed(name, body, pose))
+                break
+        else:
+            found.append(_Gathered.begin(name, body, exact, corners))
+    bases = [readable_name(own.placed[0].body.names) for own in found]
+    return [
+        PartType(name, own.form, tuple(own.placed), own.frame)
+        for name, own in zip(unique_names(bases), found, strict=True)
+    ]
+
+
+@dataclass(eq=False)
+class _Gathered:
+    """A type whose bodies are being gathered.
+
+    Attributes:
+        form: what it is exactly, None for a mesh.
+        corners: of its first body.
+        frame: of the type in the frame of the first body.
+        placed: the bodies so far.
+    """
+
+    form: ExactForm | None
+    corners: Corners
+    frame: Transform
+    placed: list[Placed]
+
+    @classmethod
+    def begin(
+        cls,
+        name: str,
+        body: CadBody,
+        exact: tuple[ExactForm, Transform] | None,
+        corners: Corners,
+    ) -> _Gathered:
+        """Return the type of a body that is like no other so far."""
+        if exact is None:
+            low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
+            form, frame = None, translation(*(0.5 * (low + high)))
+            pose = body.pose @ frame
+        else:
+            form, pose = exact[0].aligned(body.pose @ exact[1])
+            frame = inverse(body.pose) @ pose
+        return cls(form, corners, frame, [Placed(name, body, pose)])
+
+    def pose_in(
+        self,
+        body: CadBody,
+        exact: tuple[ExactForm, Transform] | None,
+        corners: Corners,
+    ) -> Transform | None:
+        """Return the pose of the type's frame in the assembly at which it is a body; None if it is of another type."""
+        if self.placed[0].body.colour != body.colour:
+            return None
+        if self.form is None or exact is None:
+            if self.form is not None or exact is not None:
+                return None
+            same = self.corners.pose_of(corners)
+            return None if same is None else body.pose @ same @ self.frame
+        form, frame = exact
+        turned = self.form.match(form, ALIKE)
+        if turned is None:
+            return None
+        return self.form.upright(body.pose @ frame @ turned)
+
+
+def readable_name(names: Iterable[str]) -> str:
+    """Return a valid name of a body: that of its product, or of its instance where a program made that one up."""
+    for name in names:
+        plain = unicodedata.normalize("NFKD", _decoded(name))
+        plain = plain.encode("ascii", "ignore").decode()
+        if _GENERIC.fullmatch(plain.strip()):
+            continue
+        plain = _LETTERS.sub("_", plain).strip("_-")
+        if not plain:
+            continue
+        if not plain[0].isalpha() or plain.lower() in _RESERVED:
+            plain = f"{_FALLBACK}_{plain}"
+        return plain[: LONGEST_NAME - 8].strip("_-")
+    return _FALLBACK
+
+
+def _decoded(name: str) -> str:
+    """Return a name whose UTF-8 was read as Latin-1 as it was written."""
+    try:
+        return name.encode("latin-1").decode("utf-8")
+    except UnicodeError:
+        return name
+
+
+def unique_names(
+    names: Iterable[str], taken: Mapping[str, object] | None = None
+) -> list[str]:
+    """Return the names with ``_2``, ``_3`` and so on behind those that were there before."""
+    out: list[str] = []
+    used = {name.lower() for name in taken or ()}
+    for name in names:
+        own, number = name, 1
+        while own.lower() in used:
+            number += 1
+            own = f"{name}_{number}"
+        used.add(own.lower())
+        out.append(own)
+    return out

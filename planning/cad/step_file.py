@@ -1,0 +1,113 @@
+"""Conversion of STEP files to triangles by the CAD kernel, in a process with limits of time and memory."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from planning.cad import convert_step
+from planning.cad.step_text import check_step_text
+from planning.errors import RequestError
+from planning.files import read_file
+
+MOST_BYTES = 64 << 20
+"""Greatest size of a file [B]."""
+
+_MEMORY = 4 << 30
+"""Most memory of the process [B]."""
+
+_SECONDS = 120
+"""Most time of the processor [s]."""
+
+_WAIT_S = 600.0
+"""Most time that is waited for, where other processes use the processor as well [s]."""
+
+_LARGEST_GLB = 512 << 20
+"""Greatest size of the triangles [B]."""
+
+_SYNTAX = re.compile(
+    r"Line (\d+): (Incorrect syntax: [^*\n]+?)\s*(?:\*|$)", re.MULTILINE
+)
+"""Message of the kernel's reader; its lines begin with 2."""
+
+
+def triangulate_step(path: Path, deviation: float) -> bytes:
+    """Return the bodies of a STEP file as GLB, lengths in metres.
+
+    Args:
+        path: the file.
+        deviation: greatest distance of the triangles from round surfaces [m].
+
+    Raises:
+        RequestError: the file cannot be read, is not valid, or needs more time or memory than there is.
+    """
+    content = _read(path)
+    check_step_text(path, content)
+    with TemporaryDirectory() as folder:
+        target = Path(folder) / "bodies.glb"
+        limits = (_MEMORY, _SECONDS, _LARGEST_GLB)
+        command = [sys.executable, "-P", convert_step.__file__, str(target)]
+        try:
+            done = subprocess.run(
+                [*command, repr(deviation * 1e3), *map(str, limits)],
+                input=content,
+                capture_output=True,
+                timeout=_WAIT_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise RequestError(f"{path}: {_too_long()}") from None
+        said = (done.stdout + b"\n" + done.stderr).decode("utf-8", "replace")
+        if done.returncode != 0:
+            raise RequestError(f"{path}: {_reason(done.returncode, said)}")
+        found = target.read_bytes() if target.exists() else b""
+    if not found:
+        raise RequestError(_refusal(path, said))
+    return found
+
+
+def _read(path: Path) -> bytes:
+    if path.is_dir():
+        raise RequestError(f"{path}: this is a folder, a STEP file is expected")
+    try:
+        return read_file(path, MOST_BYTES)
+    except FileNotFoundError:
+        raise RequestError(f"{path}: no such file") from None
+    except OSError as error:
+        raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _too_long() -> str:
+    return f"the CAD kernel takes more than {_SECONDS} s for it: export fewer or simpler bodies"
+
+
+def _reason(code: int, said: str) -> str:
+    """Return in words why the process ended with an exit code."""
+    if code == convert_step.NO_MEMORY or "bad_alloc" in said or "MemoryError" in said:
+        return (
+            f"the CAD kernel takes more than {_MEMORY >> 30} GiB of memory for it: export"
+            " fewer or simpler bodies"
+        )
+    names = {int(number): number.name for number in signal.Signals}
+    name = names.get(-code, "")
+    if name in ("SIGXCPU", "SIGKILL"):
+        return _too_long()
+    if name == "SIGXFSZ":
+        return f"its triangles take more than {_LARGEST_GLB >> 20} MiB: export simpler bodies"
+    last = next((line for line in reversed(said.splitlines()) if line.strip()), "")
+    how = name or f"exit code {code}" + (f": {last[:200]}" if last else "")
+    return (
+        f"the CAD kernel crashed on it ({how}): the file is not valid; export it again"
+    )
+
+
+def _refusal(path: Path, said: str) -> str:
+    """Return in words why the kernel found nothing."""
+    syntax = _SYNTAX.search(said)
+    if syntax is not None:
+        return f"{path}:{max(int(syntax[1]) - 1, 1)}:1: {syntax[2]}"
+    return f"{path}: no bodies: it has no shapes that the CAD kernel can read"

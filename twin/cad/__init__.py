@@ -1,0 +1,1 @@
+"""``twin import step``: a scenario from the STEP file of an assembly."""

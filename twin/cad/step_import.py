@@ -1,0 +1,476 @@
+"""Import of the STEP file of an assembly: what is read, the cell around it, and the scenario that is written."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planning.bounds import LARGEST_M
+from planning.cad.glb_bodies import read_bodies
+from planning.cad.layout import Area, PartToLay, Table, lay_out
+from planning.cad.part_types import PartType, Placed, sort_by_shape, unique_names
+from planning.cad.step_file import triangulate_step
+from planning.contacts.interference import ROUNDING, overlap_depth
+from planning.contacts.touching import nearby_entities
+from planning.errors import OutputError, RequestError
+from planning.transforms import Transform, translation
+from twin.cad.base_cell import cell_like, default_cell, fixture_names
+from twin.cad.cell_content import (
+    PartEntry,
+    bounds_of,
+    colour_of,
+    part_content,
+    pose_content,
+    shape_content,
+    write_mesh,
+)
+from twin.checks.check import CheckReport, check_scenario
+from twin.checks.finding import CheckContext
+from twin.document.yaml_text import scenario_text
+from twin.host.atomic_files import write_text
+from twin.kinds.parts.checks.context import ordered_parts
+from twin.reading.scenario_file import parse_scenario
+
+DENSITY = 7850.0
+"""Density of bodies for which none is given: that of steel [kg/m^3]."""
+
+_DEVIATIONS = (1e-5, 5e-5, 2e-4)
+"""Distances of triangles from round surfaces that are tried, until no body has too many triangles [m]."""
+
+_MOST_TRIANGLES = 100_000
+"""Most triangles of a body: more are refused of meshes that are not convex."""
+
+_CLEAR = 0.01
+"""A part is led straight for so much more than the way on which others are beside it [m]."""
+
+_LEAST_WAY, _LONGEST_WAY = 0.05, 0.4
+"""Bounds of straight ways into place [m]."""
+
+_BEST_DISTANCE = 0.5
+"""Distance of the assembly from the bases of the robots that is best [m]."""
+
+_FROM_ASSEMBLY, _FROM_ROBOT, _FROM_FIXTURE = 0.1, 0.2, 0.08
+"""Room for hands around the assembly, bases of robots, and fixtures on the table [m]."""
+
+_STEP = 0.02
+"""Step between places of the assembly that are tried [m]."""
+
+UPS: Mapping[str, Transform] = {
+    "z": np.eye(4),
+    "-z": np.diag([1.0, -1.0, -1.0, 1.0]),
+    "y": np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]),
+    "-y": np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]),
+    "x": np.array([[0.0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]]),
+    "-x": np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]),
+}
+"""Turns of an assembly, by the axis of its file that points up."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """Options of an import.
+
+    Attributes:
+        base: name of the body that the others are put on; None for the heaviest.
+        at: where the middle of the base comes to lie, and the lowest point of the assembly [m]; None to choose.
+        up: axis of the file that points up, a key of ``UPS``.
+        like: scenario whose cell is taken; None for two arms.
+        density: of all bodies [kg/m^3].
+        densities: of bodies by name.
+    """
+
+    base: str | None = None
+    at: tuple[float, float, float] | None = None
+    up: str = "z"
+    like: Path | None = None
+    density: float = DENSITY
+    densities: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedAssembly:
+    """What was read and written.
+
+    Attributes:
+        base: the body that is a fixture.
+        entries: the parts, in the order of the steps.
+        notes: what was left out or assumed.
+        report: findings of the check of the scenario.
+    """
+
+    base: Placed
+    entries: tuple[PartEntry, ...]
+    notes: tuple[str, ...]
+    report: CheckReport
+
+
+def import_step_file(file: Path, output: Path, wishes: Wishes) -> ImportedAssembly:
+    """Write the scenario of an assembly, and the meshes of its parts beside it.
+
+    Args:
+        file: STEP file.
+        output: scenario file to write.
+        wishes: options.
+
+    Raises:
+        RequestError: the file or an option cannot be used.
+        ScenarioError: the cell of another scenario cannot be used.
+    """
+    types, notes = read_assembly(file)
+    cell, grips = (
+        default_cell() if wishes.like is None else cell_like(wishes.like, output)
+    )
+    types = _named_apart(types, cell)
+    base = _base(types, wishes, file)
+    writer = _Writer(file, output, types, base, wishes, cell, grips)
+    try:
+        content, entries, more = writer.content()
+        text = scenario_text(content, f"Imported from {file.name}.")
+        scenario, document = parse_scenario(output, text)
+        write_text(output, text)
+    except BaseException:
+        writer.remove_meshes()
+        raise
+    report = check_scenario(scenario, document, output.parent)
+    return ImportedAssembly(base, entries, (*notes, *more), report)
+
+
+def read_assembly(file: Path) -> tuple[list[PartType], list[str]]:
+    """Return the types of the bodies of a STEP file, and notes.
+
+    Raises:
+        RequestError: it cannot be used.
+    """
+    notes: list[str] = []
+    for deviation in _DEVIATIONS:
+        content = triangulate_step(file, deviation)
+        try:
+            bodies, notes = read_bodies(content)
+        except RequestError as error:
+            raise RequestError(f"{file}: {error.message}") from None
+        most = max((len(body.faces) for body in bodies), default=0)
+        if most <= _MOST_TRIANGLES:
+            break
+        notes.append(f"round surfaces are met to within {deviation * 1e3:g} mm")
+    else:
+        raise RequestError(
+            f"{file}: a body has {most} triangles, more than {_MOST_TRIANGLES}: simplify it"
+        )
+    if not bodies:
+        found = "; ".join(notes) or "it has no shapes"
+        raise RequestError(f"{file}: no solid bodies: {found}")
+    if len(bodies) < 2:
+        raise RequestError(
+            f"{file}: it has one body, and an assembly has two or more: export the"
+            " assembly, not a part"
+        )
+    types = sort_by_shape(bodies)
+    low, high = bounds_of(p.triangles for own in types for p in own.placed)
+    if np.abs([low, high]).max() > LARGEST_M:
+        raise RequestError(
+            f"{file}: it reaches beyond {LARGEST_M} m: look at its units"
+        )
+    return types, notes
+
+
+def _named_apart(types: Sequence[PartType], cell: dict[str, Any]) -> list[PartType]:
+    """Return the types with names that nothing of the cell has."""
+    taken = dict.fromkeys(fixture_names(cell))
+    names = unique_names([own.name for own in types], taken)
+    return [
+        PartType(name, own.form, own.placed, own.frame)
+        for name, own in zip(names, types, strict=True)
+    ]
+
+
+def _base(types: Sequence[PartType], wishes: Wishes, file: Path) -> Placed:
+    """Return the body that the others are put on."""
+    placed = {own.name: (own, kind) for kind in types for own in kind.placed}
+    if wishes.base is not None:
+        if wishes.base not in placed:
+            raise RequestError(
+                f"{file}: no body {wishes.base!r}", choices=tuple(placed)
+            )
+        return placed[wishes.base][0]
+    name = max(placed, key=lambda n: _mass(placed[n][1], placed[n][0], wishes))
+    return placed[name][0]
+
+
+def _mass(kind: PartType, own: Placed, wishes: Wishes) -> float:
+    return _density(kind, own, wishes) * kind.volume
+
+
+def _density(kind: PartType, own: Placed, wishes: Wishes) -> float:
+    found = wishes.densities.get(own.name, wishes.densities.get(kind.name))
+    return wishes.density if found is None else found
+
+
+class _Writer:
+    """Writer of the scenario of one assembly.
+
+    Args:
+        file: STEP file.
+        output: scenario file.
+        types: of the bodies.
+        base: body that is a fixture.
+        wishes: options.
+        cell: of the scenario, without the base.
+        grips: rules of the assembly.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        output: Path,
+        types: Sequence[PartType],
+        base: Placed,
+        wishes: Wishes,
+        cell: dict[str, Any],
+        grips: dict[str, Any],
+    ) -> None:
+        self._file, self._output, self._types = file, output, types
+        self._base, self._wishes = base, wishes
+        self._cell, self._grips = cell, grips
+        self._folder = output.parent / f"{output.stem}_parts"
+        self._created = not self._folder.exists()
+        self._written: list[Path] = []
+        self._shapes = {own.name: self._shape(own) for own in types}
+
+    def content(self) -> tuple[dict[str, Any], tuple[PartEntry, ...], list[str]]:
+        """Return the content of the scenario, its parts, and notes."""
+        kind = next(own for own in self._types if self._base in own.placed)
+        fixture = {"name": self._base.name, **self._shapes[kind.name]}
+        fixture["colour"] = colour_of(kind, self._types.index(kind))
+        self._cell.setdefault("fixtures", []).append(fixture)
+        # Shapes and robots do not depend on where things are, and take time to build.
+        fixture["pose"] = pose_content(self._base.pose)
+        entries = self._entries(np.eye(4))
+        provisional = {own.name: list(own.goals) for own in entries}
+        context = self._context(self._scenario(entries, provisional, ()))
+        table = self._table(context)
+        place = self._assembly_pose(table, context)
+        fixture["pose"] = pose_content(place @ self._base.pose)
+        entries = self._entries(place)
+        starts, notes = self._starts(context, entries, table, place)
+        presses = self._presses(context)
+        return self._scenario(entries, starts, presses), entries, notes
+
+    def remove_meshes(self) -> None:
+        """Remove the mesh files."""
+        for path in self._written:
+            path.unlink(missing_ok=True)
+        if self._created and self._folder.is_dir():
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _shape(self, kind: PartType) -> dict[str, Any]:
+        """Return the shape of a type, whose mesh is written if it has one."""
+        name = f"{kind.name}.stl"
+        if kind.form is None:
+            try:
+                self._folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(f"{self._folder}: {error.strerror}") from None
+            write_mesh(kind, self._folder / name)
+            self._written.append(self._folder / name)
+        return shape_content(kind, f"{self._folder.name}/{name}")
+
+    def _context(self, content: dict[str, Any]) -> CheckContext:
+        scenario, _ = parse_scenario(self._output, scenario_text(content, ""))
+        return CheckContext(scenario, self._output.parent)
+
+    def _scenario(
+        self,
+        entries: Sequence[PartEntry],
+        starts: Mapping[str, Sequence[Transform]],
+        presses: Sequence[dict[str, Any]],
+    ) -> dict[str, Any]:
+        numbers = {own.name: k for k, own in enumerate(self._types)}
+        assembly: dict[str, Any] = {"kind": "assembly"}
+        if self._grips:
+            assembly["grips"] = self._grips
+        assembly["parts"] = [
+            part_content(
+                own,
+                self._shapes[own.type.name],
+                starts[own.name],
+                numbers[own.type.name],
+            )
+            for own in entries
+        ]
+        assembly["steps"] = [own.name for own in entries]
+        if presses:
+            assembly["fits"] = list(presses)
+        name = re.sub(r"[^A-Za-z0-9_.-]", "_", self._file.stem)[:60]
+        if not re.match(r"[A-Za-z]", name) or name.lower() in ("true", "false", "null"):
+            name = f"assembly_{name}"
+        about = {"version": 1, "name": name, "seed": 0}
+        return {**about, "cell": self._cell, "assembly": assembly}
+
+    def _table(self, context: CheckContext) -> Table:
+        """Return the largest fixture as a table, with what stands on it."""
+        boxes = {}
+        for item in context.built.fixtures:
+            if item.name == self._base.name:
+                continue
+            corners = np.vstack(
+                [
+                    piece.vertices @ item.pose[:3, :3].T + item.pose[:3, 3]
+                    for piece in item.shape.pieces
+                ]
+            )
+            boxes[item.name] = corners.min(axis=0), corners.max(axis=0)
+        if not boxes:
+            raise RequestError("the cell has no fixture that could be a table")
+        name = max(
+            boxes, key=lambda own: float(np.prod(np.ptp(boxes[own], axis=0)[:2]))
+        )
+        low, high = boxes.pop(name)
+        obstacles = [
+            (Area(a[:2], b[:2]), _FROM_FIXTURE)
+            for a, b in boxes.values()
+            if b[2] > high[2] + 1e-3
+        ]
+        for robot in context.built.robots:
+            at = robot.base[:2, 3]
+            obstacles.append((Area(at, at), _FROM_ROBOT))
+        area = Area(low[:2], high[:2])
+        return Table(area, float(high[2]), tuple(obstacles), 0.5 * (low + high)[:2])
+
+    def _assembly_pose(self, table: Table, context: CheckContext) -> Transform:
+        """Return the pose of the assembly's frame in the world."""
+        turn = UPS[self._wishes.up]
+        points = [
+            own.triangles @ turn[:3, :3].T
+            for kind in self._types
+            for own in kind.placed
+        ]
+        low, high = bounds_of(points)
+        first, last = bounds_of([self._base.triangles @ turn[:3, :3].T])
+        middle = np.array([*(0.5 * (first + last))[:2], low[2]])
+        at = self._wishes.at
+        if at is None:
+            area = Area(low[:2] - middle[:2], high[:2] - middle[:2])
+            at = (*self._middle(table, area, context), table.top)
+        return translation(*(np.array(at) - middle)) @ turn
+
+    def _middle(
+        self, table: Table, area: Area, context: CheckContext
+    ) -> tuple[float, float]:
+        """Return where on the table the assembly is as near to all robots as is best."""
+        centre = 0.5 * (table.area.low + table.area.high)
+        counts = ((table.area.high - centre) / _STEP).astype(int)
+        xs, ys = (
+            middle + _STEP * np.arange(-count, count + 1)
+            for middle, count in zip(centre, counts, strict=True)
+        )
+        at = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
+        free = np.all(at + area.low >= table.area.low, axis=1)
+        free &= np.all(at + area.high <= table.area.high, axis=1)
+        for other, room in table.obstacles:
+            apart = np.maximum(at + area.low - other.high, other.low - at - area.high)
+            free &= apart.max(axis=1) >= room
+        if not free.any():
+            raise RequestError(
+                f"{self._file}: the table has no room for the assembly, which is"
+                f" {' x '.join(f'{v * 1e3:.0f}' for v in area.high - area.low)} mm: say --at X,Y,Z"
+            )
+        at = at[free]
+        bases = np.array([robot.base[:2, 3] for robot in context.built.robots])
+        away = np.linalg.norm(at[:, None] - bases, axis=2)
+        worst = np.abs(away - _BEST_DISTANCE).max(axis=1)
+        order = np.lexsort((np.linalg.norm(at - centre, axis=1), np.round(worst, 6)))
+        x, y = np.round(at[order[0]], 6).tolist()
+        return x, y
+
+    def _entries(self, place: Transform) -> tuple[PartEntry, ...]:
+        """Return the parts in an order of assembly: the lowest first."""
+        heights: dict[str, tuple[float, float]] = {}
+        for kind in self._types:
+            for own in kind.placed:
+                low, high = bounds_of([own.triangles @ place[:3, :3].T + place[:3, 3]])
+                heights[own.name] = float(low[2]), float(high[2])
+        out = []
+        top = heights[self._base.name][1]
+        kinds = [
+            (kind, [own for own in kind.placed if own is not self._base])
+            for kind in self._types
+        ]
+        kinds = [(kind, placed) for kind, placed in kinds if placed]
+        for kind, placed in sorted(kinds, key=lambda k: sum(heights[k[1][0].name])):
+            way = top - heights[placed[0].name][0] + _CLEAR
+            way = round(min(max(way, _LEAST_WAY), _LONGEST_WAY), 4)
+            top = max(top, *(heights[own.name][1] for own in placed))
+            goals = tuple(place @ own.pose for own in placed)
+            density = _density(kind, placed[0], self._wishes)
+            out.append(
+                PartEntry(kind.name, kind, goals, (0.0, 0.0, -1.0), way, density)
+            )
+        return tuple(out)
+
+    def _starts(
+        self,
+        context: CheckContext,
+        entries: Sequence[PartEntry],
+        table: Table,
+        place: Transform,
+    ) -> tuple[dict[str, list[Transform]], list[str]]:
+        """Return where the parts lie, by entry, and notes."""
+        listed = ordered_parts(context).listed
+        low, high = bounds_of(
+            own.triangles @ place[:3, :3].T + place[:3, 3]
+            for kind in self._types
+            for own in kind.placed
+        )
+        obstacles = (*table.obstacles, (Area(low[:2], high[:2]), _FROM_ASSEMBLY))
+        parts = []
+        for own in entries:
+            name = own.name if len(own.goals) == 1 else f"{own.name}.1"
+            shape = context.built.object(name).shape
+            parts.append(PartToLay(own.name, shape, own.goals, listed.handling(name)))
+        try:
+            return lay_out(
+                parts,
+                context.built.robots,
+                listed.frame,
+                Table(table.area, table.top, obstacles, 0.5 * (low + high)[:2]),
+            )
+        except ValueError as error:
+            raise RequestError(
+                f"{self._file}: the table has no room left for {error}"
+            ) from None
+
+    def _presses(self, context: CheckContext) -> list[dict[str, Any]]:
+        """Return the pairs of parts that are in each other in their places, as ``fits``."""
+        goals = ordered_parts(context).listed.goals
+        placed: dict[str, Any] = {
+            name: (context.built.object(name), pose) for name, pose in goals.items()
+        }
+        others = {
+            item.name: (item, item.pose)
+            for item in context.built.fixtures
+            if item.name == self._base.name
+        }
+        deepest: dict[tuple[str, str], float] = {}
+        for name, own in placed.items():
+            for other in nearby_entities(own, others, 0.0):
+                deep = overlap_depth(own, others[other])
+                if deep > ROUNDING:
+                    pair = _entry_name(other), _entry_name(name)
+                    deepest[pair] = max(deepest.get(pair, 0.0), deep)
+            others[name] = own
+        return [
+            {"parts": list(pair), "press_m": round(deep + 5e-7, 6)}
+            for pair, deep in deepest.items()
+        ]
+
+
+def _entry_name(name: str) -> str:
+    """Return the name in the file of a part, which may be one of several that are alike."""
+    entry, _, number = name.rpartition(".")
+    return entry if entry and number.isdigit() else name
