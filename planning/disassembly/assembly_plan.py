@@ -1,0 +1,331 @@
+"""Order and straight insertions of the bodies of an assembly, found by disassembly.
+
+From the finished assembly, bodies are removed one by one, each along a straight line on which nothing that remains is
+in its way. What is free stays free when others are removed, so the search never has to go back. Where no
+body is free, the bodies that are in each other's way along a direction are the strongly connected components of a
+graph (Wilson and Latombe, 1994). One that nothing else blocks is removed as a sub-assembly, and is taken apart by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import takewhile
+
+import networkx as nx
+import numpy as np
+
+from planning.disassembly.blocking import Blocking
+from planning.disassembly.body import AssemblyBody
+from planning.disassembly.clear_distance import clear_distance
+from planning.disassembly.directions import (
+    different,
+    face_directions,
+    main_directions,
+    spread_directions,
+)
+from planning.errors import TwinError
+from planning.transforms import Array
+
+UP = (0.0, 0.0, 1.0)
+
+_NEAR = 1e-3
+"""Bodies with boxes that are no farther apart are neighbours [m]."""
+
+
+class InterlockedError(TwinError):
+    """Bodies that no straight motions take apart.
+
+    Attributes:
+        bodies: names of the bodies of a smallest group that is locked.
+        blocking: pairs of them, the first is in the way of the second along some direction.
+        directions: number of directions that were tried.
+    """
+
+    def __init__(
+        self, bodies: Sequence[str], blocking: Sequence[tuple[str, str]], tried: int
+    ) -> None:
+        self.bodies, self.blocking = tuple(bodies), tuple(blocking)
+        self.directions = tried
+        pairs = ", ".join(f"{one} blocks {other}" for one, other in blocking)
+        super().__init__(
+            f"{', '.join(bodies)} hold each other: along none of {tried} directions can one, or"
+            f" several as one, be moved out straight ({pairs}); split one of them, or export"
+            " them as one body"
+        )
+
+
+@dataclass(frozen=True)
+class BodyFit:
+    """Two bodies that fit into each other.
+
+    Attributes:
+        kind: such as ``pin in bore``.
+        bodies: the inner and the outer one.
+        clearance_m: difference of diameters or widths, negative for a press fit.
+    """
+
+    kind: str
+    bodies: tuple[str, str]
+    clearance_m: float
+
+
+@dataclass(frozen=True)
+class BodyHold:
+    """A body that falls unless a hand or a fixture holds it.
+
+    Attributes:
+        body: its name.
+        since: number of the insertion from which on it is held, from 0.
+        until: number of the insertion once which is complete it stands; None if it never does.
+    """
+
+    body: str
+    since: int
+    until: int | None
+
+
+@dataclass(frozen=True)
+class StraightInsertion:
+    """A straight insertion of a body, or of a sub-assembly as one.
+
+    Attributes:
+        bodies: their names, several for a sub-assembly.
+        direction: unit vector along which they are moved in, in the frame of the assembly.
+        distance_m: length of the straight motion from where they are clear of everything else.
+        after: names of the bodies that must be in place before, without the base and without those
+            that others of them need.
+        inner: of a sub-assembly: how it is put together before, the body that the others are added to first.
+    """
+
+    bodies: tuple[str, ...]
+    direction: tuple[float, float, float]
+    distance_m: float
+    after: tuple[str, ...] = ()
+    inner: AssemblyPlan | None = None
+
+
+@dataclass(frozen=True)
+class AssemblyPlan:
+    """How an assembly is put together.
+
+    Attributes:
+        base: name of the body that is there first, and stays where it is.
+        steps: insertions of all others, in an order that is possible.
+        fits: pins in bores, and tongues in slots.
+        holds: what does not stand by itself.
+    """
+
+    base: str
+    steps: tuple[StraightInsertion, ...]
+    fits: tuple[BodyFit, ...] = ()
+    holds: tuple[BodyHold, ...] = ()
+
+
+def plan_assembly(
+    bodies: Sequence[AssemblyBody], base: str, *, up: Sequence[float] = UP
+) -> AssemblyPlan:
+    """Return an order and straight insertions of the bodies of an assembly.
+
+    Args:
+        bodies: in their places, with different names.
+        base: name of the one that is there first.
+        up: direction against gravity in the frame of the assembly.
+
+    Raises:
+        ShapeError: a mesh cannot be used, or two bodies overlap.
+        InterlockedError: the bodies cannot be taken apart by straight motions.
+        TwinError: a name is there twice, or that of the base is unknown.
+    """
+    names = [body.name for body in bodies]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise TwinError(f"several bodies are called {', '.join(twice)}")
+    if base not in names:
+        raise TwinError(f"there is no body {base}", choices=tuple(names))
+    search = _Disassembly(bodies, np.array(up, dtype=float) / np.linalg.norm(up))
+    return search.plan(names, base)
+
+
+class _Disassembly:
+    """Takes bodies apart, in thought."""
+
+    def __init__(self, bodies: Sequence[AssemblyBody], up: Array) -> None:
+        self._blocking = Blocking(bodies)
+        self._up = up
+        names = self._blocking.names
+        surfaces = self._blocking.surfaces
+        own = {name: face_directions(surfaces[name]) for name in names}
+        self._directions = {
+            name: self._sorted(
+                axis
+                for other in (name, *(n for n in names if n != name))
+                if self._blocking.near(name, other, _NEAR)
+                for axis in own[other]
+            )
+            for name in names
+        }
+        self._all = self._sorted([*np.vstack([*own.values()]), *spread_directions()])
+        self._height = {n: float((s.vertices @ up).max()) for n, s in surfaces.items()}
+        self._volume = {body.name: abs(float(body.mesh.volume)) for body in bodies}
+        self._witness: dict[tuple[str, bytes], str] = {}
+
+    def _sorted(self, axes: Iterable[Array]) -> list[Array]:
+        """Return directions and their opposites, the main ones too, those that are closest to up first."""
+        both = (sign * axis for axis in axes for sign in (1.0, -1.0))
+        found = list(different([*main_directions(self._up), *both]))
+        order = np.argsort(-np.round(np.array(found) @ self._up, 6), kind="stable")
+        return [found[k] for k in order]
+
+    def plan(self, names: Collection[str], base: str) -> AssemblyPlan:
+        """Return how some of the bodies are put together, however the others are."""
+        remaining = dict.fromkeys(names)
+        removed: list[tuple[tuple[str, ...], Array]] = []
+        while len(remaining) > 1:
+            group, direction = self._removable(remaining, base)
+            removed.append((group, direction))
+            for name in group:
+                del remaining[name]
+        order = self._precedence(removed)
+        steps = []
+        for k in reversed(range(len(removed))):
+            group, direction = removed[k]
+            later = {n for m in nx.descendants(order, k) for n in removed[m][0]}
+            there = [n for n in names if n not in later and n not in group]
+            length = max(
+                clear_distance(self._blocking, name, there, direction) for name in group
+            )
+            inner = None
+            if len(group) > 1:
+                first = max(group, key=lambda name: self._volume[name])
+                inner = self.plan(group, first)
+            x, y, z = (-direction + 0.0).tolist()
+            after = tuple(
+                n for m in sorted(order.predecessors(k)) for n in removed[m][0]
+            )
+            steps.append(StraightInsertion(group, (x, y, z), length, after, inner))
+        return AssemblyPlan(base, tuple(steps))
+
+    def _removable(
+        self, remaining: Mapping[str, None], base: str
+    ) -> tuple[tuple[str, ...], Array]:
+        """Return what can be removed next, and along which direction."""
+        best: tuple[float, float, str, Array] | None = None
+        for name in remaining:
+            if name == base:
+                continue
+            free = self._free(name, remaining, self._directions[name])
+            for direction in self._steepest(name, remaining, free):
+                rank = round(float(direction @ self._up), 6), self._height[name]
+                if best is None or rank > best[:2]:
+                    best = *rank, name, direction
+        if best is None:
+            for name in remaining:
+                for direction in self._free(name, remaining, self._all):
+                    if name != base:
+                        return (name,), direction
+        if best is not None:
+            return (best[2],), best[3]
+        return self._sub_assembly(remaining, base)
+
+    def _steepest(
+        self, name: str, remaining: Mapping[str, None], free: Iterator[Array]
+    ) -> list[Array]:
+        """Return the first direction of those that are equally steep, the one with the shortest motion."""
+        first = next(free, None)
+        if first is None:
+            return []
+        steep = float(first @ self._up)
+        even = takewhile(lambda d: abs(float(d @ self._up) - steep) < 1e-6, free)
+        found = [first, *even]
+        if len(found) > 1:
+            others = [other for other in remaining if other != name]
+            found.sort(
+                key=lambda d: round(clear_distance(self._blocking, name, others, d), 4)
+            )
+        return found[:1]
+
+    def _free(
+        self, name: str, remaining: Mapping[str, None], directions: Sequence[Array]
+    ) -> Iterator[Array]:
+        """Yield directions along which nothing that remains is in the way of a body."""
+        for direction in directions:
+            key = name, direction.tobytes()
+            if self._witness.get(key) in remaining:
+                continue
+            found = next(
+                (
+                    other
+                    for other in remaining
+                    if other != name and self._blocking.blocks(other, name, direction)
+                ),
+                None,
+            )
+            if found is None:
+                yield direction
+            else:
+                self._witness[key] = found
+
+    def _graph(self, names: Iterable[str], direction: Array) -> nx.DiGraph[str]:
+        """Return the graph with an edge from each body to those that are in its way."""
+        graph: nx.DiGraph[str] = nx.DiGraph()
+        graph.add_nodes_from(names)
+        graph.add_edges_from(
+            (one, other)
+            for one in graph
+            for other in graph
+            if one != other and self._blocking.blocks(other, one, direction)
+        )
+        return graph
+
+    def _sub_assembly(
+        self, remaining: Mapping[str, None], base: str
+    ) -> tuple[tuple[str, ...], Array]:
+        best: tuple[tuple[str, ...], Array] | None = None
+        for direction in self._all:
+            graph = self._graph(remaining, direction)
+            parts = nx.condensation(graph)
+            for part, members in parts.nodes(data="members"):
+                free = parts.out_degree(part) == 0 and base not in members
+                if free and (best is None or len(members) < len(best[0])):
+                    best = tuple(n for n in remaining if n in members), direction
+        if best is None:
+            raise self._locked(list(remaining))
+        return best
+
+    def _locked(self, names: list[str]) -> InterlockedError:
+        """Return the error about a group of bodies that is locked; no smaller one within it is."""
+        graphs = [self._graph(names, direction) for direction in self._all]
+        for name in list(names):
+            rest = [other for other in names if other != name]
+            if len(rest) > 1 and all(
+                nx.is_strongly_connected(graph.subgraph(rest)) for graph in graphs
+            ):
+                names = rest
+        pairs = {
+            (other, one)
+            for graph in graphs
+            for one, other in graph.subgraph(names).edges
+            if self._blocking.near(one, other, _NEAR)
+        }
+        rank = {name: k for k, name in enumerate(names)}
+        ordered = sorted(pairs, key=lambda pair: (rank[pair[0]], rank[pair[1]]))
+        return InterlockedError(names, ordered, len(self._all))
+
+    def _precedence(
+        self, removed: Sequence[tuple[tuple[str, ...], Array]]
+    ) -> nx.DiGraph[int]:
+        """Return which removals come after which, none that others imply."""
+        graph: nx.DiGraph[int] = nx.DiGraph()
+        graph.add_nodes_from(range(len(removed)))
+        for k, (group, direction) in enumerate(removed):
+            graph.add_edges_from(
+                (k, m)
+                for m, (others, _) in enumerate(removed)
+                if m != k
+                and any(
+                    self._blocking.blocks(other, name, direction)
+                    for name in group
+                    for other in others
+                )
+            )
+        return nx.transitive_reduction(graph)
