@@ -41,11 +41,11 @@ class Placed:
     body: CadBody
     pose: Transform
 
-    @property
-    def triangles(self) -> Array:
-        """Corners of its triangles in the assembly, shape (f, 3, 3) [m]."""
+    @cached_property
+    def vertices(self) -> Array:
+        """Corners of its triangles in the assembly, shape (v, 3) [m]."""
         at = self.body.pose
-        return np.asarray(self.body.triangles @ at[:3, :3].T + at[:3, 3])
+        return np.asarray(self.body.vertices @ at[:3, :3].T + at[:3, 3])
 
 
 @dataclass(frozen=True, eq=False)

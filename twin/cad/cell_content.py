@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.cad.exact_forms import BallForm, BoxForm, RodForm
 from planning.cad.part_types import PartType
-from planning.transforms import Transform, from_rpy, quat_wxyz
+from planning.transforms import Array, Transform, from_rpy, quat_wxyz
 
 _PALETTE = (
     *((88, 118, 152), (201, 162, 75), (184, 67, 58), (110, 150, 100)),
@@ -143,9 +143,7 @@ def write_mesh(kind: PartType, path: Path) -> None:
         temporary.write_bytes(head + record.tobytes())
 
 
-def bounds_of(
-    triangles: Iterable[Any],
-) -> tuple[Any, Any]:
-    """Return the corners of the box around triangles, each of shape (3,) [m]."""
-    points = np.vstack([own.reshape(-1, 3) for own in triangles])
-    return points.min(axis=0), points.max(axis=0)
+def bounds_of(points: Iterable[Array]) -> tuple[Array, Array]:
+    """Return the corners of the box around points, each of shape (3,) [m]."""
+    found = np.vstack(list(points))
+    return found.min(axis=0), found.max(axis=0)

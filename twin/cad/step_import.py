@@ -30,6 +30,7 @@ from twin.cad.cell_content import (
     shape_content,
     write_mesh,
 )
+from twin.cad.part_order import Group, ordered_groups
 from twin.checks.check import CheckReport, check_scenario
 from twin.checks.finding import CheckContext
 from twin.document.yaml_text import scenario_text
@@ -45,12 +46,6 @@ _DEVIATIONS = (1e-5, 5e-5, 2e-4)
 
 _MOST_TRIANGLES = 100_000
 """Most triangles of a body: more are refused of meshes that are not convex."""
-
-_CLEAR = 0.01
-"""A part is led straight for so much more than the way on which others are beside it [m]."""
-
-_LEAST_WAY, _LONGEST_WAY = 0.05, 0.4
-"""Bounds of straight ways into place [m]."""
 
 _BEST_DISTANCE = 0.5
 """Distance of the assembly from the bases of the robots that is best [m]."""
@@ -171,7 +166,7 @@ def read_assembly(file: Path) -> tuple[list[PartType], list[str]]:
             " assembly, not a part"
         )
     types = sort_by_shape(bodies)
-    low, high = bounds_of(p.triangles for own in types for p in own.placed)
+    low, high = bounds_of(p.vertices for own in types for p in own.placed)
     if np.abs([low, high]).max() > LARGEST_M:
         raise RequestError(
             f"{file}: it reaches beyond {LARGEST_M} m: look at its units"
@@ -240,6 +235,11 @@ class _Writer:
         self._folder = output.parent / f"{output.stem}_parts"
         self._created = not self._folder.exists()
         self._written: list[Path] = []
+        self._densities = {
+            own.name: _density(kind, own, wishes)
+            for kind in types
+            for own in kind.placed
+        }
         self._shapes = {own.name: self._shape(own) for own in types}
 
     def content(self) -> tuple[dict[str, Any], tuple[PartEntry, ...], list[str]]:
@@ -250,13 +250,20 @@ class _Writer:
         self._cell.setdefault("fixtures", []).append(fixture)
         # Shapes and robots do not depend on where things are, and take time to build.
         fixture["pose"] = pose_content(self._base.pose)
-        entries = self._entries(np.eye(4))
+        groups = ordered_groups(
+            self._types,
+            self._base,
+            UPS[self._wishes.up],
+            self._densities,
+            self._file,
+        )
+        entries = self._entries(groups, np.eye(4))
         provisional = {own.name: list(own.goals) for own in entries}
         context = self._context(self._scenario(entries, provisional, ()))
         table = self._table(context)
         place = self._assembly_pose(table, context)
         fixture["pose"] = pose_content(place @ self._base.pose)
-        entries = self._entries(place)
+        entries = self._entries(groups, place)
         starts, notes = self._starts(context, entries, table, place)
         presses = self._presses(context)
         return self._scenario(entries, starts, presses), entries, notes
@@ -346,12 +353,10 @@ class _Writer:
         """Return the pose of the assembly's frame in the world."""
         turn = UPS[self._wishes.up]
         points = [
-            own.triangles @ turn[:3, :3].T
-            for kind in self._types
-            for own in kind.placed
+            own.vertices @ turn[:3, :3].T for kind in self._types for own in kind.placed
         ]
         low, high = bounds_of(points)
-        first, last = bounds_of([self._base.triangles @ turn[:3, :3].T])
+        first, last = bounds_of([self._base.vertices @ turn[:3, :3].T])
         middle = np.array([*(0.5 * (first + last))[:2], low[2]])
         at = self._wishes.at
         if at is None:
@@ -388,30 +393,24 @@ class _Writer:
         x, y = np.round(at[order[0]], 6).tolist()
         return x, y
 
-    def _entries(self, place: Transform) -> tuple[PartEntry, ...]:
-        """Return the parts in an order of assembly: the lowest first."""
-        heights: dict[str, tuple[float, float]] = {}
-        for kind in self._types:
-            for own in kind.placed:
-                low, high = bounds_of([own.triangles @ place[:3, :3].T + place[:3, 3]])
-                heights[own.name] = float(low[2]), float(high[2])
-        out = []
-        top = heights[self._base.name][1]
-        kinds = [
-            (kind, [own for own in kind.placed if own is not self._base])
-            for kind in self._types
-        ]
-        kinds = [(kind, placed) for kind, placed in kinds if placed]
-        for kind, placed in sorted(kinds, key=lambda k: sum(heights[k[1][0].name])):
-            way = top - heights[placed[0].name][0] + _CLEAR
-            way = round(min(max(way, _LEAST_WAY), _LONGEST_WAY), 4)
-            top = max(top, *(heights[own.name][1] for own in placed))
-            goals = tuple(place @ own.pose for own in placed)
-            density = _density(kind, placed[0], self._wishes)
-            out.append(
-                PartEntry(kind.name, kind, goals, (0.0, 0.0, -1.0), way, density)
+    def _entries(
+        self, groups: Sequence[Group], place: Transform
+    ) -> tuple[PartEntry, ...]:
+        """Return the parts of the scenario, in the order of their steps."""
+        names = unique_names(
+            [kind.name for kind, *_ in groups], dict.fromkeys(fixture_names(self._cell))
+        )
+        return tuple(
+            PartEntry(
+                name,
+                kind,
+                tuple(place @ own.pose for own in placed),
+                insert,
+                way,
+                self._densities[placed[0].name],
             )
-        return tuple(out)
+            for name, (kind, placed, insert, way) in zip(names, groups, strict=True)
+        )
 
     def _starts(
         self,
@@ -423,7 +422,7 @@ class _Writer:
         """Return where the parts lie, by entry, and notes."""
         listed = ordered_parts(context).listed
         low, high = bounds_of(
-            own.triangles @ place[:3, :3].T + place[:3, 3]
+            own.vertices @ place[:3, :3].T + place[:3, 3]
             for kind in self._types
             for own in kind.placed
         )
