@@ -101,14 +101,17 @@ def hinge() -> Any:
             plate += Pos(x, 0, 0) * Rot(0, 90, 0) * Cylinder(7, 19.8)
         return plate - Rot(0, 90, 0) * Cylinder(4 + PLAY, 200)
 
+    # One leaf has a plate under both, the other one a rib by which it is held.
+    first = leaf(-1, [-40, 0, 40]) + Pos(0, 0, -12) * Box(100, 100, 10)
+    second = leaf(1, [-20, 20]) + Pos(0, 30, 17) * Box(50, 10, 20)
     # The pin is longer than the hinge on one side, where it is held.
     pin = Rot(0, 90, 0) * Cylinder(4, 140)
     return _assembly(
         "hinge",
         [
-            _body("leaf_a", leaf(-1, [-40, 0, 40]), (120, 130, 140), (0, 0, 7)),
-            _body("leaf_b", leaf(1, [-20, 20]), (88, 118, 152), (0, 0, 7)),
-            _body("pin", pin, (201, 162, 75), (20, 0, 7)),
+            _body("leaf_a", first, (120, 130, 140), (0, 0, 17)),
+            _body("leaf_b", second, (88, 118, 152), (0, 0, 17)),
+            _body("pin", pin, (201, 162, 75), (20, 0, 17)),
         ],
     )
 
@@ -150,18 +153,18 @@ def stack(plates: int = 3, pins: int = 4) -> Any:
         for y in (-18, 18)
         for i in range(columns)
     ][:pins]
-    base, plate = Box(120, 80, 20), Box(90, 56, 8)
+    base, plate = Box(120, 80, 20), Box(90, 56, 12)
     for x, y in places:
         base -= Pos(x, y, 5) * Cylinder(3 + PLAY, 20)
         plate -= Pos(x, y, 0) * Cylinder(3 + PLAY, 20)
-    high = 8.0 * plates
+    high = 12.0 * plates
     screw = _screw(3, high + 12, 5, 10)
     return _assembly(
         "stack",
         [
             _body("base", base, (120, 130, 140), (0, 0, 10)),
             *(
-                _body("plate", plate, (88, 118, 152), (0, 0, 24 + 8.0 * k))
+                _body("plate", plate, (88, 118, 152), (0, 0, 26 + 12.0 * k))
                 for k in range(plates)
             ),
             *(
@@ -195,13 +198,13 @@ def interlocked() -> Any:
     from build123d import Box
 
     plate = Box(120, 80, 10)
-    link = Box(60, 40, 8) - Box(44, 24, 20)
+    link, other = (Box(x, 40, 8) - Box(x - 16, 24, 20) for x in (60, 64))
     return _assembly(
         "interlocked",
         [
             _body("plate", plate, (120, 130, 140), (0, 0, 5)),
             _body("link_a", link, (88, 118, 152), (-16, 0, 30)),
-            _body("link_b", link, (201, 162, 75), (20, 0, 30), (90, 0, 0)),
+            _body("link_b", other, (201, 162, 75), (22, 0, 30), (90, 0, 0)),
             _body("block", Box(30, 18, 20), (184, 67, 58), (0, -30, 20)),
         ],
     )

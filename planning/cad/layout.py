@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
-from planning.grips.grip import Grip
-from planning.grips.tool_grips import robot_grips
+from planning.grips.grip import Grip, GripRules
+from planning.grips.tool_grips import robot_grips, tool_heights
 from planning.handling.skill_targets import is_possible_in_some_posture
 from planning.parts.assembly import PartHandling
 from planning.parts.part_skills import pick_targets, place_targets
@@ -47,6 +47,15 @@ _NEAR_ROBOT = 0.45
 
 _SHARE = 0.5
 """Weight of the distance from the assembly, beside that of the deviation from the best distance from a robot."""
+
+_ABOVE = 0.001
+"""Room between a tool that grips a part and what the part lies on [m]."""
+
+_LEAST_DEPTH = 5e-4
+"""Fingers reach at least so far below the top of a part [m]."""
+
+_SHARE_OF_STAND = 0.8
+"""Width of a stand, as a share of that of the part: fingers reach down beside it."""
 
 _MOST_GRIPS = 12
 """Grips that are tried at a place."""
@@ -101,10 +110,46 @@ class Table:
     middle: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Lying:
+    """How parts of a type lie at the start.
+
+    Attributes:
+        turn: their rotation, shape (3, 3).
+        height: of the origin of their frame above what they lie on [m].
+        grips: on them, by robot.
+        depth: depth of grips that keeps fingers above what they lie on; None for that of the rules [m].
+        stand: height of the stand under each, 0 for none [m].
+        size: edges of the top of that, along x and y [m].
+    """
+
+    turn: Array
+    height: float
+    grips: Mapping[str, list[Grip]]
+    depth: float | None = None
+    stand: float = 0.0
+    size: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where parts lie at the start.
+
+    Attributes:
+        starts: poses of their frames in the world, by type.
+        lying: how they lie, by type.
+        notes: on those that no robot reaches.
+    """
+
+    starts: dict[str, list[Transform]] = field(default_factory=dict)
+    lying: dict[str, Lying] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
 def lay_out(
     parts: Sequence[PartToLay], robots: Sequence[PlacedRobot], frame: str, table: Table
-) -> tuple[dict[str, list[Transform]], list[str]]:
-    """Return the starts of all parts by type, and notes on those that no robot reaches.
+) -> Layout:
+    """Return where all parts lie at the start.
 
     Args:
         parts: the types.
@@ -115,17 +160,17 @@ def lay_out(
     Raises:
         ValueError: the table has no room for a part; the message names it.
     """
-    layout = _Layout(robots, frame, table)
+    search = _Search(robots, frame, table)
     for part in sorted(parts, key=lambda own: -_footprint(own.shape)):
-        layout.add(part)
-    return layout.starts, layout.notes
+        search.add(part)
+    return search.layout
 
 
 def _footprint(shape: Shape) -> float:
     return float(np.prod(np.sort(shape.high - shape.low)[1:]))
 
 
-class _Layout:
+class _Search:
     """Starts that are found one after another.
 
     Args:
@@ -135,53 +180,87 @@ class _Layout:
     """
 
     def __init__(self, robots: Sequence[PlacedRobot], frame: str, table: Table) -> None:
-        self.starts: dict[str, list[Transform]] = {}
-        self.notes: list[str] = []
+        self.layout = Layout()
         self._robots, self._frame, self._table = robots, frame, table
         self._used: list[tuple[Area, float]] = list(table.obstacles)
         self._count = 0
+        self._fronts = {
+            robot.name: float(
+                tool_heights(robot.model, robot.model.frame_in_last_joint(frame)).max()
+            )
+            for robot in robots
+        }
 
     def add(self, part: PartToLay) -> None:
         """Find the places of the parts of a type."""
-        turn, height, grips = self._lying(part)
-        found = self.starts[part.name] = list[Transform]()
+        lying = self._lying(part)
+        found = list[Transform]()
+        self.layout.lying[part.name], self.layout.starts[part.name] = lying, found
+        handling = part.handling
+        if lying.depth is not None:
+            handling = replace(
+                handling, grips=replace(handling.grips, depth=lying.depth)
+            )
+        part = replace(part, handling=handling)
         far = False
         for goal in part.goals:
-            able = self._able(part, goal, grips)
-            start = self._place(part, turn, height, able)
+            able = self._able(part, goal, lying.grips)
+            start = self._place(part, lying, able)
             if start is None and able:
-                far, start = True, self._place(part, turn, height, {})
+                far, start = True, self._place(part, lying, {})
             if start is None:
                 raise ValueError(part.name)
             found.append(start)
-        if not any(grips.values()):
-            self.notes.append(
-                f"{part.name}: no robot's tool grips it where it lies and in its place"
+            far = far or not able
+        if not any(lying.grips.values()):
+            words = "no robot's tool grips it where it lies and in its place"
+            self.layout.notes.append(f"{part.name}: {words}")
+        elif far:
+            self.layout.notes.append(
+                f"{part.name}: no robot reaches it and its place with one grip"
             )
-        elif far or not able:
-            self.notes.append(f"{part.name}: no robot reaches it and its place")
 
-    def _lying(self, part: PartToLay) -> tuple[Array, float, dict[str, list[Grip]]]:
-        """Return the rotation in which a part lies, the height of its origin above the table, and its grips."""
-        sides = list(resting_sides(part.shape, part.goals[0][:3, :3]))
-        first: tuple[Array, float, dict[str, list[Grip]]] | None = None
-        for turn, height in sides[:_SIDES]:
-            lying = np.eye(4)
-            lying[:3, :3] = turn
-            grips = {
-                robot.name: robot_grips(
-                    robot, part.shape, lying, part.goals[0], part.handling.grips
-                )
-                for robot in self._robots
-            }
-            if any(grips.values()):
-                return turn, height, grips
-            first = first or (turn, height, grips)
-        assert first is not None, "every body has a side on which it lies"
-        return first
+    def _lying(self, part: PartToLay) -> Lying:
+        """Return how a part lies: on the first side on which it is gripped for its place."""
+        sides = list(resting_sides(part.shape, part.goals[0][:3, :3]))[:_SIDES]
+        lying = [self._on_side(part, turn, height) for turn, height in sides]
+        return next((own for own in lying if any(own.grips.values())), lying[0])
+
+    def _on_side(self, part: PartToLay, turn: Array, height: float) -> Lying:
+        """Return how a part lies on a side: with fingers above the table, or else on a stand."""
+        pose = np.eye(4)
+        pose[:3, :3], pose[2, 3] = turn, height
+        low, high = _extent(part.shape, turn)
+        rules = part.handling.grips
+        grips, room = self._grips(part, pose, rules)
+        if room >= _ABOVE or room == -math.inf:
+            return Lying(turn, height, grips)
+        depth = round(high[2] - low[2] - max(self._fronts.values()) - _ABOVE, 4)
+        if depth >= _LEAST_DEPTH:
+            higher, more = self._grips(part, pose, replace(rules, depth=depth))
+            if more >= 0.5 * _ABOVE:
+                return Lying(turn, height, higher, depth)
+        stand = math.ceil(1e3 * (_ABOVE - room)) / 1e3
+        x, y = (_SHARE_OF_STAND * (high - low)[:2]).round(4).tolist()
+        return Lying(turn, height, grips, None, stand, (max(x, 1e-3), max(y, 1e-3)))
+
+    def _grips(
+        self, part: PartToLay, pose: Transform, rules: GripRules
+    ) -> tuple[dict[str, list[Grip]], float]:
+        """Return the grips on a part at a pose, and how far the tool stays above the ground by the best [m]."""
+        grips = {
+            robot.name: robot_grips(robot, part.shape, pose, part.goals[0], rules)
+            for robot in self._robots
+        }
+        above = [
+            float((pose @ grip.pose)[2, 3]) - self._fronts[name]
+            for name, own in grips.items()
+            for grip in own
+        ]
+        return grips, max(above, default=-math.inf)
 
     def _able(
-        self, part: PartToLay, goal: Transform, grips: dict[str, list[Grip]]
+        self, part: PartToLay, goal: Transform, grips: Mapping[str, list[Grip]]
     ) -> dict[str, list[Grip]]:
         """Return the grips by which each robot puts a part in its place, if there were nothing else."""
         found = {}
@@ -200,21 +279,20 @@ class _Layout:
     def _place(
         self,
         part: PartToLay,
-        turn: Array,
-        height: float,
+        lying: Lying,
         able: dict[str, list[Grip]],
     ) -> Transform | None:
         """Return a free place, where a robot picks the part if any is able to place it; None if there is none."""
         able_robots = [robot for robot in self._robots if robot.name in able]
         first = able_robots[self._count % len(able_robots)] if able_robots else None
-        corners = np.vstack([piece.vertices for piece in part.shape.pieces]) @ turn.T
-        low, high = corners.min(axis=0), corners.max(axis=0)
+        low, high = _extent(part.shape, lying.turn)
         room = _ROOM if high[2] - low[2] <= _LOW_PART else _ROOM_OF_HAND
         places = self._free_places(low[:2], high[:2], room, first or self._robots[0])
         step = max(1, len(places) // _MOST_PLACES) if first is not None else 1
         for x, y in places[::step]:
             start = np.eye(4)
-            start[:3, :3], start[:3, 3] = turn, (x, y, self._table.top + height)
+            start[:3, :3] = lying.turn
+            start[:3, 3] = x, y, self._table.top + lying.stand + lying.height
             if first is None or any(
                 self._picks(robot, part, start, able[robot.name])
                 for robot in able_robots
@@ -254,6 +332,12 @@ class _Layout:
         away = away + _SHARE * np.linalg.norm(at - self._table.middle, axis=1)
         order = np.lexsort((at[:, 1], at[:, 0], np.round(away, 6)))
         return [(x, y) for x, y in at[order].tolist()]
+
+
+def _extent(shape: Shape, turn: Array) -> tuple[Array, Array]:
+    """Return the corners of the box around a part that is turned, from the origin of its frame [m]."""
+    corners = np.vstack([piece.vertices for piece in shape.pieces]) @ turn.T
+    return corners.min(axis=0), corners.max(axis=0)
 
 
 def resting_sides(shape: Shape, wanted: Array) -> Iterator[tuple[Array, float]]:

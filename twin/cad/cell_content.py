@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from planning.cad.exact_forms import BallForm, BoxForm, RodForm
+from planning.cad.layout import Layout
 from planning.cad.part_types import PartType
 from planning.transforms import Array, Transform, from_rpy, quat_wxyz
 
@@ -49,7 +50,11 @@ class PartEntry:
 
 
 def part_content(
-    entry: PartEntry, shape: Mapping[str, Any], starts: Sequence[Transform], number: int
+    entry: PartEntry,
+    shape: Mapping[str, Any],
+    starts: Sequence[Transform],
+    number: int,
+    depth: float | None,
 ) -> dict[str, Any]:
     """Return the entry of a part, or of parts that are alike, in ``assembly.parts``.
 
@@ -58,6 +63,7 @@ def part_content(
         shape: of each, see ``shape_content``.
         starts: where they lie.
         number: of the type, for its colour where the file gives none.
+        depth: of the grips; None for that of the assembly [m].
     """
     out: dict[str, Any] = {"name": entry.name, **shape}
     if len(entry.goals) == 1:
@@ -72,7 +78,28 @@ def part_content(
     if entry.insert != (0.0, 0.0, -1.0):
         out["insert"] = list(entry.insert)
     out["approach_m"] = entry.approach
+    if depth is not None:
+        out["grips"] = {"depth_m": depth}
     return out
+
+
+def stand_content(name: str, layout: Layout, top: float) -> dict[str, Any]:
+    """Return the fixture of the stands on which the parts of an entry lie.
+
+    Args:
+        name: of the entry.
+        layout: where parts lie.
+        top: height of the table [m].
+    """
+    lying = layout.lying[name]
+    size = [*lying.size, lying.stand]
+    places = [
+        [*pose[:2, 3].round(_DIGITS).tolist(), round(0.5 * lying.stand, _DIGITS)]
+        for pose in layout.starts[name]
+    ]
+    boxes = [{"box": size, "pose": {"xyz_m": at}} for at in places]
+    shape = {"shape": {"compound": boxes}}
+    return {"name": f"{name}_stand", **shape, "pose": {"xyz_m": [0.0, 0.0, top]}}
 
 
 def colour_of(kind: PartType, number: int) -> list[int]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from planning.bounds import LARGEST_M
 from planning.cad.glb_bodies import read_bodies
-from planning.cad.layout import Area, PartToLay, Table, lay_out
+from planning.cad.layout import Area, Layout, PartToLay, Table, lay_out
 from planning.cad.part_types import PartType, Placed, sort_by_shape, unique_names
 from planning.cad.step_file import triangulate_step
 from planning.contacts.interference import ROUNDING, overlap_depth
@@ -28,6 +28,7 @@ from twin.cad.cell_content import (
     part_content,
     pose_content,
     shape_content,
+    stand_content,
     write_mesh,
 )
 from twin.cad.part_order import Group, ordered_groups
@@ -259,14 +260,21 @@ class _Writer:
         )
         entries = self._entries(groups, np.eye(4))
         provisional = {own.name: list(own.goals) for own in entries}
-        context = self._context(self._scenario(entries, provisional, ()))
+        context = self._context(self._scenario(entries, provisional, (), {}))
         table = self._table(context)
         place = self._assembly_pose(table, context)
         fixture["pose"] = pose_content(place @ self._base.pose)
         entries = self._entries(groups, place)
-        starts, notes = self._starts(context, entries, table, place)
+        layout = self._layout(context, entries, table, place)
+        for own in entries:
+            if layout.lying[own.name].stand:
+                self._cell["fixtures"].append(
+                    stand_content(own.name, layout, table.top)
+                )
         presses = self._presses(context)
-        return self._scenario(entries, starts, presses), entries, notes
+        depths = {name: lying.depth for name, lying in layout.lying.items()}
+        content = self._scenario(entries, layout.starts, presses, depths)
+        return content, entries, layout.notes
 
     def remove_meshes(self) -> None:
         """Remove the mesh files."""
@@ -296,6 +304,7 @@ class _Writer:
         entries: Sequence[PartEntry],
         starts: Mapping[str, Sequence[Transform]],
         presses: Sequence[dict[str, Any]],
+        depths: Mapping[str, float | None],
     ) -> dict[str, Any]:
         numbers = {own.name: k for k, own in enumerate(self._types)}
         assembly: dict[str, Any] = {"kind": "assembly"}
@@ -307,6 +316,7 @@ class _Writer:
                 self._shapes[own.type.name],
                 starts[own.name],
                 numbers[own.type.name],
+                depths.get(own.name),
             )
             for own in entries
         ]
@@ -412,14 +422,14 @@ class _Writer:
             for name, (kind, placed, insert, way) in zip(names, groups, strict=True)
         )
 
-    def _starts(
+    def _layout(
         self,
         context: CheckContext,
         entries: Sequence[PartEntry],
         table: Table,
         place: Transform,
-    ) -> tuple[dict[str, list[Transform]], list[str]]:
-        """Return where the parts lie, by entry, and notes."""
+    ) -> Layout:
+        """Return where the parts lie at the start."""
         listed = ordered_parts(context).listed
         low, high = bounds_of(
             own.vertices @ place[:3, :3].T + place[:3, 3]
@@ -435,7 +445,7 @@ class _Writer:
         try:
             return lay_out(
                 parts,
-                context.built.robots,
+                context.cell.robots,
                 listed.frame,
                 Table(table.area, table.top, obstacles, 0.5 * (low + high)[:2]),
             )
