@@ -235,7 +235,8 @@ class _Search:
         grips, room = self._grips(part, pose, rules)
         if room >= _ABOVE or room == -math.inf:
             return Lying(turn, height, grips)
-        depth = round(high[2] - low[2] - max(self._fronts.values()) - _ABOVE, 4)
+        thick = float(high[2] - low[2])
+        depth = round(thick - max(self._fronts.values()) - _ABOVE, 4)
         if depth >= _LEAST_DEPTH:
             higher, more = self._grips(part, pose, replace(rules, depth=depth))
             if more >= 0.5 * _ABOVE:

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from planning.cad import convert_step
-from planning.cad.step_text import check_step_text
+from planning.cad.step_text import check_step_text, circle_of_entities
 from planning.errors import RequestError
 from planning.files import read_file
 
@@ -20,11 +20,11 @@ MOST_BYTES = 64 << 20
 _MEMORY = 4 << 30
 """Most memory of the process [B]."""
 
-_SECONDS = 120
-"""Most time of the processor [s]."""
+_SECONDS, _SECONDS_PER_MIB = 30, 4
+"""Most time of the processor: this, and for each MiB of the file this [s]."""
 
-_WAIT_S = 600.0
-"""Most time that is waited for, where other processes use the processor as well [s]."""
+_WAIT = 10
+"""So many times longer is waited for, where other processes use the processor as well."""
 
 _LARGEST_GLB = 512 << 20
 """Greatest size of the triangles [B]."""
@@ -49,25 +49,33 @@ def triangulate_step(path: Path, deviation: float) -> bytes:
     check_step_text(path, content)
     with TemporaryDirectory() as folder:
         target = Path(folder) / "bodies.glb"
-        limits = (_MEMORY, _SECONDS, _LARGEST_GLB)
+        seconds = _SECONDS + _SECONDS_PER_MIB * (len(content) >> 20)
+        limits = (_MEMORY, seconds, _LARGEST_GLB)
         command = [sys.executable, "-P", convert_step.__file__, str(target)]
         try:
             done = subprocess.run(
                 [*command, repr(deviation * 1e3), *map(str, limits)],
                 input=content,
                 capture_output=True,
-                timeout=_WAIT_S,
+                timeout=_WAIT * seconds,
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            raise RequestError(f"{path}: {_too_long()}") from None
+            raise RequestError(f"{path}: {_too_long(seconds)}") from None
         said = (done.stdout + b"\n" + done.stderr).decode("utf-8", "replace")
         if done.returncode != 0:
-            raise RequestError(f"{path}: {_reason(done.returncode, said)}")
+            reason = _reason(done.returncode, said, seconds)
+            raise RequestError(f"{_place_of_circle(path, content)}: {reason}")
         found = target.read_bytes() if target.exists() else b""
     if not found:
-        raise RequestError(_refusal(path, said))
+        raise RequestError(_refusal(path, content, said))
     return found
+
+
+def _place_of_circle(path: Path, content: bytes) -> str:
+    """Return the file, with line and entity where one refers to itself."""
+    circle = circle_of_entities(content)
+    return str(path) if circle is None else f"{path}:{circle}"
 
 
 def _read(path: Path) -> bytes:
@@ -81,11 +89,11 @@ def _read(path: Path) -> bytes:
         raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
 
 
-def _too_long() -> str:
-    return f"the CAD kernel takes more than {_SECONDS} s for it: export fewer or simpler bodies"
+def _too_long(seconds: int) -> str:
+    return f"the CAD kernel takes more than {seconds} s for it: export fewer or simpler bodies"
 
 
-def _reason(code: int, said: str) -> str:
+def _reason(code: int, said: str, seconds: int) -> str:
     """Return in words why the process ended with an exit code."""
     if code == convert_step.NO_MEMORY or "bad_alloc" in said or "MemoryError" in said:
         return (
@@ -95,7 +103,7 @@ def _reason(code: int, said: str) -> str:
     names = {int(number): number.name for number in signal.Signals}
     name = names.get(-code, "")
     if name in ("SIGXCPU", "SIGKILL"):
-        return _too_long()
+        return _too_long(seconds)
     if name == "SIGXFSZ":
         return f"its triangles take more than {_LARGEST_GLB >> 20} MiB: export simpler bodies"
     last = next((line for line in reversed(said.splitlines()) if line.strip()), "")
@@ -105,9 +113,10 @@ def _reason(code: int, said: str) -> str:
     )
 
 
-def _refusal(path: Path, said: str) -> str:
+def _refusal(path: Path, content: bytes, said: str) -> str:
     """Return in words why the kernel found nothing."""
     syntax = _SYNTAX.search(said)
     if syntax is not None:
         return f"{path}:{max(int(syntax[1]) - 1, 1)}:1: {syntax[2]}"
-    return f"{path}: no bodies: it has no shapes that the CAD kernel can read"
+    place = _place_of_circle(path, content)
+    return f"{place}: no bodies: it has no shapes that the CAD kernel can read"

@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import networkx as nx
+
 from planning.errors import RequestError
 
 _FIRST = b"ISO-10303-21;"
@@ -18,6 +20,13 @@ _TOKENS = re.compile(
     re.DOTALL,
 )
 """Strings and comments first, so that what is in them is no entity."""
+
+_POINT = re.compile(
+    rb"\bCARTESIAN_POINT\s*\(\s*'(?:[^']|'')*'\s*,\s*\(([^()]*)\)", re.DOTALL
+)
+
+_FARTHEST = 1e9
+"""Greatest coordinate of a point, in the unit of the file: a kilometre in micrometres."""
 
 _SCHEMA = re.compile(rb"\bFILE_SCHEMA\s*\(\s*\(\s*'([^']*)'", re.DOTALL)
 
@@ -68,6 +77,53 @@ def _problems(content: bytes) -> Iterator[tuple[int, str]]:
     if not last.endswith(_LAST):
         yield len(last), "the file is cut off: it does not end with END-ISO-10303-21;"
     yield from _entity_problems(content)
+    for point in _POINT.finditer(content):
+        for text in point[1].split(b","):
+            if not _is_plausible(text):
+                words = text.strip().decode("ascii", "replace")[:40]
+                yield (
+                    point.start(),
+                    f"coordinate {words!r} is no number up to {_FARTHEST:g}",
+                )
+
+
+def _is_plausible(text: bytes) -> bool:
+    try:
+        return abs(float(text)) <= _FARTHEST
+    except ValueError:
+        return False
+
+
+def circle_of_entities(content: bytes) -> str | None:
+    """Return in words the first entity that refers to itself, directly or by others; None if there is none."""
+    places: dict[int, int] = {}
+    edges: list[tuple[int, int]] = []
+    own = None
+    for token in _TOKENS.finditer(content):
+        if token["number"] is None:
+            continue
+        number = int(token["number"])
+        if token["defined"] is not None:
+            own = number
+            places.setdefault(number, token.start())
+        elif own is not None:
+            edges.append((own, number))
+    graph: nx.DiGraph[int] = nx.DiGraph(edges)
+    circle = next(
+        (
+            part
+            for part in nx.strongly_connected_components(graph)
+            if len(part) > 1 or graph.has_edge(*2 * tuple(part))
+        ),
+        None,
+    )
+    if circle is None:
+        return None
+    first = min(circle, key=lambda number: places.get(number, 0))
+    line = content.count(b"\n", 0, places.get(first, 0)) + 1
+    return f"{line}:1: entity #{first} refers to itself" + (
+        f", by {len(circle) - 1} others" if len(circle) > 1 else ""
+    )
 
 
 def _entity_problems(content: bytes) -> Iterator[tuple[int, str]]:
