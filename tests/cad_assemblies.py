@@ -60,32 +60,31 @@ def gearbox() -> Any:
 
 
 def valve() -> Any:
-    """A seat and a plug in a body, a bonnet held by four screws, and a wheel on the plug's stem."""
+    """A piston in a body, a bonnet around its stem held by four screws, and a wheel on the stem."""
     from build123d import Box, Cylinder, Pos, Rot
 
     body = Box(70, 70, 50) - Pos(0, 0, 10) * Cylinder(20 + PLAY, 40)
     body -= Rot(0, 90, 0) * Cylinder(8, 100)
-    seat = Cylinder(20, 10) - Cylinder(9, 60)
-    plug = Cylinder(12, 20) + Pos(0, 0, 40) * Cylinder(6, 60)
-    bonnet = Box(70, 70, 10) - Cylinder(6 + PLAY, 60)
+    piston = Cylinder(20, 15) + Pos(0, 0, 35) * Cylinder(6, 55)
+    bonnet = Box(70, 70, 10) + Pos(0, 0, 11) * Cylinder(12, 12)
+    bonnet -= Cylinder(6 + PLAY, 60)
     for x, y in _corners(28, 28):
         bonnet -= Pos(x, y, 0) * Cylinder(2.5 + PLAY, 60)
         body -= Pos(x, y, 20) * Cylinder(2.5 + PLAY, 30)
-    wheel = Cylinder(30, 8) + Pos(0, 0, 8) * Cylinder(12, 10)
-    wheel -= Cylinder(6 + PLAY, 60)
+    wheel = Cylinder(30, 6) + Pos(0, 0, 9) * Cylinder(10, 12)
+    wheel -= Pos(0, 0, -5) * Cylinder(6 + PLAY, 16)
     screw = _screw(2.5, 18, 4.5, 8)
     return _assembly(
         "valve",
         [
             _body("body", body, (120, 130, 140), (0, 0, 25)),
-            _body("seat", seat, (201, 162, 75), (0, 0, 25)),
-            _body("plug", plug, (170, 174, 180), (0, 0, 40)),
+            _body("piston", piston, (201, 162, 75), (0, 0, 22.5)),
             _body("bonnet", bonnet, (88, 118, 152), (0, 0, 55)),
             *(
                 _body("screw", screw, (70, 74, 82), (x, y, 60))
                 for x, y in _corners(28, 28)
             ),
-            _body("wheel", wheel, (184, 67, 58), (0, 0, 85)),
+            _body("wheel", wheel, (184, 67, 58), (0, 0, 82)),
         ],
     )
 

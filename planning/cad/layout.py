@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from planning.cell.shape import Shape
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import CellObject, Fixture, PlacedRobot
+from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.grips.grip import Grip, GripRules
-from planning.grips.tool_grips import robot_grips, tool_heights
+from planning.grips.pads import own_bodies
+from planning.grips.shape_grips import part_grips
+from planning.grips.tool_grips import explain_tool_misfit, robot_grips, tool_heights
 from planning.handling.skill_targets import is_possible_in_some_posture
 from planning.parts.assembly import PartHandling
 from planning.parts.part_skills import pick_targets, place_targets
-from planning.transforms import Array, Transform
+from planning.transforms import Array, Transform, inverse
 
 _PITCH = 0.02
 """Step between the places that are tried on the table [m]."""
@@ -27,7 +31,7 @@ _TILT = math.radians(1.5)
 _SAME_SIDE = math.cos(math.radians(5.0))
 """Sides of a part on which it lies differ by more."""
 
-_SIDES = 8
+_SIDES = 4
 """Sides of a part on which it may lie, those first for which it is turned least."""
 
 _LOW_PART, _ROOM, _ROOM_OF_HAND = 0.05, 0.045, 0.1
@@ -51,8 +55,8 @@ _SHARE = 0.5
 _ABOVE = 0.001
 """Room between a tool that grips a part and what the part lies on [m]."""
 
-_LEAST_DEPTH = 5e-4
-"""Fingers reach at least so far below the top of a part [m]."""
+_DEPTHS = (0.012, 0.006, 0.003, 0.0015)
+"""Depths of grips that are tried where the tool has no room at that of the rules [m]."""
 
 _SHARE_OF_STAND = 0.8
 """Width of a stand, as a share of that of the part: fingers reach down beside it."""
@@ -82,15 +86,17 @@ class PartToLay:
 
     Attributes:
         name: of the type.
-        shape: of each.
+        item: one of them.
         goals: their poses in the assembly, in the world.
         handling: how they are gripped and led.
+        there: what is in the assembly before them, by name.
     """
 
     name: str
-    shape: Shape
+    item: CellObject
     goals: tuple[Transform, ...]
     handling: PartHandling
+    there: Mapping[str, PlacedObject]
 
 
 @dataclass(frozen=True)
@@ -161,13 +167,36 @@ def lay_out(
         ValueError: the table has no room for a part; the message names it.
     """
     search = _Search(robots, frame, table)
-    for part in sorted(parts, key=lambda own: -_footprint(own.shape)):
+    for part in sorted(parts, key=lambda own: -_footprint(own.item.shape)):
         search.add(part)
     return search.layout
 
 
 def _footprint(shape: Shape) -> float:
     return float(np.prod(np.sort(shape.high - shape.low)[1:]))
+
+
+def least_opening(
+    parts: Iterable[tuple[Shape, Transform]],
+    rules: GripRules,
+    openings: Sequence[float],
+) -> float:
+    """Return the least opening of fingers by which most parts are gripped as they are turned in their places [m].
+
+    Args:
+        parts: shapes and goals.
+        rules: for grips.
+        openings: from which it is chosen, the least first [m].
+    """
+    known, best = list(parts), (-1, 0.0)
+    for opening in openings:
+        own = replace(rules, opening=opening)
+        count = sum(bool(part_grips(shape, at, at, own)) for shape, at in known)
+        if count > best[0]:
+            best = count, opening
+        if count == len(known):
+            break
+    return best[1]
 
 
 class _Search:
@@ -222,43 +251,60 @@ class _Search:
 
     def _lying(self, part: PartToLay) -> Lying:
         """Return how a part lies: on the first side on which it is gripped for its place."""
-        sides = list(resting_sides(part.shape, part.goals[0][:3, :3]))[:_SIDES]
-        lying = [self._on_side(part, turn, height) for turn, height in sides]
-        return next((own for own in lying if any(own.grips.values())), lying[0])
+        sides = list(resting_sides(part.item.shape, part.goals[0][:3, :3]))[:_SIDES]
+        lying = (self._on_side(part, turn, height) for turn, height in sides)
+        found = next((own for own in lying if any(own.grips.values())), None)
+        return found or Lying(*sides[0], {})
 
     def _on_side(self, part: PartToLay, turn: Array, height: float) -> Lying:
         """Return how a part lies on a side: with fingers above the table, or else on a stand."""
         pose = np.eye(4)
         pose[:3, :3], pose[2, 3] = turn, height
-        low, high = _extent(part.shape, turn)
-        rules = part.handling.grips
-        grips, room = self._grips(part, pose, rules)
-        if room >= _ABOVE or room == -math.inf:
-            return Lying(turn, height, grips)
-        thick = float(high[2] - low[2])
-        depth = round(thick - max(self._fronts.values()) - _ABOVE, 4)
-        if depth >= _LEAST_DEPTH:
-            higher, more = self._grips(part, pose, replace(rules, depth=depth))
-            if more >= 0.5 * _ABOVE:
-                return Lying(turn, height, higher, depth)
-        stand = math.ceil(1e3 * (_ABOVE - room)) / 1e3
-        x, y = (_SHARE_OF_STAND * (high - low)[:2]).round(4).tolist()
-        return Lying(turn, height, grips, None, stand, (max(x, 1e-3), max(y, 1e-3)))
+        first: Lying | None = None
+        for depth in (None, *_DEPTHS):
+            rules = part.handling.grips
+            if depth is not None and depth >= rules.depth:
+                continue
+            if depth is not None:
+                rules = replace(rules, depth=depth)
+            grips = {
+                robot.name: list(
+                    islice(self._free_grips(robot, part, pose, rules), _MOST_GRIPS)
+                )
+                for robot in self._robots
+            }
+            above = [
+                float((pose @ grip.pose)[2, 3]) - self._fronts[name]
+                for name, own in grips.items()
+                for grip in own
+            ]
+            if not above:
+                continue
+            if max(above) >= _ABOVE:
+                return Lying(turn, height, grips, depth)
+            if first is None:
+                stand = math.ceil(1e3 * (_ABOVE - max(above))) / 1e3
+                low, high = _extent(part.item.shape, turn)
+                x, y = (_SHARE_OF_STAND * (high - low)[:2]).round(4).tolist()
+                size = max(x, 1e-3), max(y, 1e-3)
+                first = Lying(turn, height, grips, depth, stand, size)
+        return first or Lying(turn, height, {})
 
-    def _grips(
-        self, part: PartToLay, pose: Transform, rules: GripRules
-    ) -> tuple[dict[str, list[Grip]], float]:
-        """Return the grips on a part at a pose, and how far the tool stays above the ground by the best [m]."""
-        grips = {
-            robot.name: robot_grips(robot, part.shape, pose, part.goals[0], rules)
-            for robot in self._robots
-        }
-        above = [
-            float((pose @ grip.pose)[2, 3]) - self._fronts[name]
-            for name, own in grips.items()
-            for grip in own
-        ]
-        return grips, max(above, default=-math.inf)
+    def _free_grips(
+        self, robot: PlacedRobot, part: PartToLay, start: Transform, rules: GripRules
+    ) -> Iterator[Grip]:
+        """Yield grips whose tool is free of the part, and in its place of everything that is there before."""
+        shape, goal = part.item.shape, part.goals[0]
+        tip = inverse(robot.model.frame_in_last_joint(self._frame))
+        bodies = tuple(own_bodies(robot.model))
+        approach = part.handling.approach
+        for grip in robot_grips(robot, shape, start, goal, rules):
+            if explain_tool_misfit(robot, self._frame, part.item, grip, approach):
+                continue
+            at = goal @ grip.pose @ tip
+            tool = Fixture("tool", Shape((), bodies), at)
+            if not bodies or not nearby_entities((tool, at), part.there, 0.0):
+                yield grip
 
     def _able(
         self, part: PartToLay, goal: Transform, grips: Mapping[str, list[Grip]]
@@ -268,7 +314,7 @@ class _Search:
         for robot in self._robots:
             own = [
                 grip
-                for grip in grips[robot.name][:_MOST_GRIPS]
+                for grip in grips.get(robot.name, [])
                 if is_possible_in_some_posture(
                     robot, place_targets(self._frame, goal @ grip.pose, part.handling)
                 )
@@ -286,7 +332,7 @@ class _Search:
         """Return a free place, where a robot picks the part if any is able to place it; None if there is none."""
         able_robots = [robot for robot in self._robots if robot.name in able]
         first = able_robots[self._count % len(able_robots)] if able_robots else None
-        low, high = _extent(part.shape, lying.turn)
+        low, high = _extent(part.item.shape, lying.turn)
         room = _ROOM if high[2] - low[2] <= _LOW_PART else _ROOM_OF_HAND
         places = self._free_places(low[:2], high[:2], room, first or self._robots[0])
         step = max(1, len(places) // _MOST_PLACES) if first is not None else 1

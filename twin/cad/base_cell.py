@@ -20,20 +20,33 @@ _TEMPLATE = "tray"
 
 _TABLE = "table"
 
-_OPEN = {"panda_finger_joint1": 0.04, "panda_finger_joint2": 0.04}
-"""Fingers of the default arms, as far open as they go [m]."""
+_FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
+"""Joints of the fingers of the default arms."""
 
-_OPENING_M = 0.08
+OPENINGS_M = (0.04, 0.06, 0.08)
+"""Openings of the default arms' fingers, which are held so far apart [m]."""
+
+SLACK_M = 0.004
+"""Fingers are farther apart than what they grip by so much at least [m]."""
 
 
-def default_cell() -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the cell of two arms at a table, and its rules for grips."""
-    data = _data(shipped_scenarios()[_TEMPLATE])
-    cell = deepcopy(data["cell"])
+def default_cell() -> dict[str, Any]:
+    """Return the cell of two arms at a table."""
+    cell: dict[str, Any] = deepcopy(_data(shipped_scenarios()[_TEMPLATE])["cell"])
     cell["fixtures"] = [own for own in cell["fixtures"] if own["name"] == _TABLE]
+    return cell
+
+
+def open_fingers(cell: dict[str, Any], opening: float) -> dict[str, Any]:
+    """Hold the fingers of the default arms apart, and return the rules for their grips.
+
+    Args:
+        cell: see ``default_cell``.
+        opening: between their fingers [m].
+    """
     for robot in cell["robots"]:
-        robot["joints"] = dict(_OPEN)
-    return cell, {"opening_m": _OPENING_M}
+        robot["joints"] = dict.fromkeys(_FINGERS, round(0.5 * opening, 4))
+    return {"opening_m": round(opening - SLACK_M, 4)}
 
 
 def cell_like(name: Path, output: Path) -> tuple[dict[str, Any], dict[str, Any]]:

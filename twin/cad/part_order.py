@@ -73,6 +73,7 @@ def ordered_groups(
                 f"{file}: {', '.join(step.bodies)} can only be put in as one, and parts are"
                 " placed one by one: export them as one body"
             )
+    low = {b.name: round(float(b.mesh.vertices[:, 2].min()), 4) for b in bodies}
     kinds = {name: kind for name, (kind, _) in placed.items()}
     steps = {step.bodies[0]: step for step in plan.steps}
     return [
@@ -82,7 +83,7 @@ def ordered_groups(
             _direction(steps[names[0]]),
             max(_way(steps[name]) for name in names),
         )
-        for names in _groups(plan, kinds, densities)
+        for names in _groups(plan, kinds, densities, low)
     ]
 
 
@@ -98,11 +99,15 @@ def _way(step: StraightInsertion) -> float:
 
 
 def _groups(
-    plan: AssemblyPlan, kinds: Mapping[str, PartType], densities: Mapping[str, float]
+    plan: AssemblyPlan,
+    kinds: Mapping[str, PartType],
+    densities: Mapping[str, float],
+    low: Mapping[str, float],
 ) -> list[tuple[str, ...]]:
     """Return the bodies that are placed in one step each, in an order of assembly.
 
-    Bodies of a type are placed in one step, unless others have to be placed in between.
+    Bodies of a type are placed in one step, unless others have to be placed in between. Of what may come next, that
+    comes which reaches lowest: what comes on top of it leaves less room for a hand.
     """
     order = [step.bodies[0] for step in plan.steps]
     before: nx.DiGraph[str] = nx.DiGraph()
@@ -129,7 +134,10 @@ def _groups(
                 break
             group |= changed
     contracted = _contracted(before, group)
-    rank = {group[name]: k for k, name in reversed(list(enumerate(order)))}
+    rank = {
+        own: min((low[n], k) for k, n in enumerate(order) if group[n] == own)
+        for own in contracted
+    }
     sequence = nx.lexicographical_topological_sort(contracted, key=rank.__getitem__)
     return [tuple(name for name in order if group[name] == own) for own in sequence]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from collections.abc import Mapping, Sequence
@@ -13,14 +14,22 @@ import numpy as np
 
 from planning.bounds import LARGEST_M
 from planning.cad.glb_bodies import read_bodies
-from planning.cad.layout import Area, Layout, PartToLay, Table, lay_out
+from planning.cad.layout import Area, Layout, PartToLay, Table, lay_out, least_opening
 from planning.cad.part_types import PartType, Placed, sort_by_shape, unique_names
 from planning.cad.step_file import triangulate_step
 from planning.contacts.interference import ROUNDING, overlap_depth
-from planning.contacts.touching import nearby_entities
+from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.errors import OutputError, RequestError
+from planning.grips.grip import GripRules
 from planning.transforms import Transform, translation
-from twin.cad.base_cell import cell_like, default_cell, fixture_names
+from twin.cad.base_cell import (
+    OPENINGS_M,
+    SLACK_M,
+    cell_like,
+    default_cell,
+    fixture_names,
+    open_fingers,
+)
 from twin.cad.cell_content import (
     PartEntry,
     bounds_of,
@@ -37,7 +46,9 @@ from twin.checks.finding import CheckContext
 from twin.document.yaml_text import scenario_text
 from twin.host.atomic_files import write_text
 from twin.kinds.parts.checks.context import ordered_parts
+from twin.planning.shapes import build_shape
 from twin.reading.scenario_file import parse_scenario
+from twin.scenario.sections.shapes import ShapedSection
 
 DENSITY = 7850.0
 """Density of bodies for which none is given: that of steel [kg/m^3]."""
@@ -120,7 +131,9 @@ def import_step_file(file: Path, output: Path, wishes: Wishes) -> ImportedAssemb
     """
     types, notes = read_assembly(file)
     cell, grips = (
-        default_cell() if wishes.like is None else cell_like(wishes.like, output)
+        (default_cell(), None)
+        if wishes.like is None
+        else cell_like(wishes.like, output)
     )
     types = _named_apart(types, cell)
     base = _base(types, wishes, file)
@@ -217,7 +230,7 @@ class _Writer:
         base: body that is a fixture.
         wishes: options.
         cell: of the scenario, without the base.
-        grips: rules of the assembly.
+        grips: rules of the assembly; None for those of the default arms.
     """
 
     def __init__(
@@ -228,7 +241,7 @@ class _Writer:
         base: Placed,
         wishes: Wishes,
         cell: dict[str, Any],
-        grips: dict[str, Any],
+        grips: dict[str, Any] | None,
     ) -> None:
         self._file, self._output, self._types = file, output, types
         self._base, self._wishes = base, wishes
@@ -259,6 +272,8 @@ class _Writer:
             self._file,
         )
         entries = self._entries(groups, np.eye(4))
+        if self._grips is None:
+            self._grips = open_fingers(self._cell, self._opening(entries))
         provisional = {own.name: list(own.goals) for own in entries}
         context = self._context(self._scenario(entries, provisional, (), {}))
         table = self._table(context)
@@ -328,6 +343,18 @@ class _Writer:
             name = f"assembly_{name}"
         about = {"version": 1, "name": name, "seed": 0}
         return {**about, "cell": self._cell, "assembly": assembly}
+
+    def _opening(self, entries: Sequence[PartEntry]) -> float:
+        """Return how far fingers must be apart [m]."""
+        turn = UPS[self._wishes.up]
+        parts = []
+        for own in entries:
+            text = json.dumps(self._shapes[own.type.name])
+            section = ShapedSection.model_validate_json(text)
+            shape = build_shape(own.name, section.described, self._output.parent)
+            parts.append((shape, turn @ own.goals[0]))
+        wide = [opening - SLACK_M for opening in OPENINGS_M]
+        return least_opening(parts, GripRules(), wide) + SLACK_M
 
     def _table(self, context: CheckContext) -> Table:
         """Return the largest fixture as a table, with what stands on it."""
@@ -438,10 +465,15 @@ class _Writer:
         )
         obstacles = (*table.obstacles, (Area(low[:2], high[:2]), _FROM_ASSEMBLY))
         parts = []
+        base = next(
+            item for item in context.built.fixtures if item.name == self._base.name
+        )
+        there: dict[str, PlacedObject] = {base.name: (base, place @ self._base.pose)}
         for own in entries:
             name = own.name if len(own.goals) == 1 else f"{own.name}.1"
-            shape = context.built.object(name).shape
-            parts.append(PartToLay(own.name, shape, own.goals, listed.handling(name)))
+            item, handling = context.built.object(name), listed.handling(name)
+            parts.append(PartToLay(own.name, item, own.goals, handling, dict(there)))
+            there |= {f"{name}/{k}": (item, goal) for k, goal in enumerate(own.goals)}
         try:
             return lay_out(
                 parts,
