@@ -34,6 +34,9 @@ _SYNTAX = re.compile(
 )
 """Message of the kernel's reader; its lines begin with 2."""
 
+_FAILS = re.compile(r"Incorrect Syntax : Fails Count : (\d+)")
+"""Message of the kernel's reader about entities that it leaves out."""
+
 
 def triangulate_step(path: Path, deviation: float) -> bytes:
     """Return the bodies of a STEP file as GLB, lengths in metres.
@@ -63,13 +66,18 @@ def triangulate_step(path: Path, deviation: float) -> bytes:
         except subprocess.TimeoutExpired:
             raise RequestError(f"{path}: {_too_long(seconds)}") from None
         said = (done.stdout + b"\n" + done.stderr).decode("utf-8", "replace")
-        if done.returncode != 0:
+        if done.returncode != 0 and not _SYNTAX.search(said):
             reason = _reason(done.returncode, said, seconds)
             raise RequestError(f"{_place_of_circle(path, content)}: {reason}")
         found = target.read_bytes() if target.exists() else b""
-    if not found:
+    if not found or _SYNTAX.search(said) or _FAILS.search(said):
         raise RequestError(_refusal(path, content, said))
     return found
+
+
+def place_of_circle(path: Path) -> str:
+    """Return a file, with line and entity where one refers to itself."""
+    return _place_of_circle(path, _read(path))
 
 
 def _place_of_circle(path: Path, content: bytes) -> str:
@@ -118,5 +126,8 @@ def _refusal(path: Path, content: bytes, said: str) -> str:
     syntax = _SYNTAX.search(said)
     if syntax is not None:
         return f"{path}:{max(int(syntax[1]) - 1, 1)}:1: {syntax[2]}"
+    fails = _FAILS.search(said)
+    if fails is not None:
+        return f"{path}: the CAD kernel cannot read {fails[1]} of its entities: export it again"
     place = _place_of_circle(path, content)
     return f"{place}: no bodies: it has no shapes that the CAD kernel can read"

@@ -16,7 +16,7 @@ from planning.bounds import LARGEST_M
 from planning.cad.glb_bodies import read_bodies
 from planning.cad.layout import Area, Layout, PartToLay, Table, lay_out, least_opening
 from planning.cad.part_types import PartType, Placed, sort_by_shape, unique_names
-from planning.cad.step_file import triangulate_step
+from planning.cad.step_file import place_of_circle, triangulate_step
 from planning.contacts.interference import ROUNDING, overlap_depth
 from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.errors import OutputError, RequestError
@@ -173,7 +173,7 @@ def read_assembly(file: Path) -> tuple[list[PartType], list[str]]:
         )
     if not bodies:
         found = "; ".join(notes) or "it has no shapes"
-        raise RequestError(f"{file}: no solid bodies: {found}")
+        raise RequestError(f"{place_of_circle(file)}: no solid bodies: {found}")
     if len(bodies) < 2:
         raise RequestError(
             f"{file}: it has one body, and an assembly has two or more: export the"
