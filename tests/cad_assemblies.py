@@ -29,15 +29,15 @@ def gearbox() -> Any:
     """Two gears on shafts in a housing, whose cover is held by four screws."""
     from build123d import Box, Cylinder, Pos
 
-    housing = Box(150, 90, 50) - Pos(0, 0, 5) * Box(130, 70, 50)
+    housing = Box(150, 130, 50) - Pos(0, 0, 5) * Box(130, 110, 50)
     for x in (-20, 20):
         housing += Pos(x, 0, -15) * Cylinder(12, 12)
         housing -= Pos(x, 0, -13) * Cylinder(6 + PLAY, 20)
     shaft = Cylinder(6, 36)
     gear = _gear(18, 2.2, 10) + Pos(0, 0, 8) * Cylinder(11, 10)
     gear -= Cylinder(6 + PLAY, 60)
-    cover = Box(150, 90, 8) + Pos(0, 0, 14) * Cylinder(12, 20)
-    for x, y in _corners(70, 40):
+    cover = Box(150, 130, 8) + Pos(0, 0, 14) * Cylinder(12, 20)
+    for x, y in _corners(70, 60):
         cover -= Pos(x, y, 0) * Cylinder(3 + PLAY, 60)
         housing -= Pos(x, y, 0) * Cylinder(3 + PLAY, 200)
     screw = _screw(3.0, 24, 5.5, 8)
@@ -53,7 +53,7 @@ def gearbox() -> Any:
             _body("cover", cover, (184, 67, 58), (0, 0, 54)),
             *(
                 _body("screw", screw, (70, 74, 82), (x, y, 58))
-                for x, y in _corners(70, 40)
+                for x, y in _corners(70, 60)
             ),
         ],
     )
@@ -178,17 +178,17 @@ def puzzle() -> Any:
     """Three rings on a post, held by a pin across it: they go together in one order only."""
     from build123d import Box, Cylinder, Pos, Rot
 
-    post = Pos(0, 0, 10) * Box(90, 90, 20) + Pos(0, 0, 60) * Cylinder(12, 80)
-    post -= Pos(0, 0, 84) * Rot(0, 90, 0) * Cylinder(4 + PLAY, 60)
-    rings = [(34, 22), (29, 18), (24, 14)]
+    post = Pos(0, 0, 10) * Box(90, 90, 20) + Pos(0, 0, 41.5) * Cylinder(12, 43)
+    post -= Pos(0, 0, 57) * Rot(0, 90, 0) * Cylinder(3 + PLAY, 60)
+    rings = [(34, 10), (29, 10), (24, 12)]
     bodies, low = [_body("post", post, (120, 130, 140))], 20.0
     for number, (radius, high) in enumerate(rings):
         ring = Cylinder(radius, high) - Cylinder(12 + PLAY, 60)
         name, colour = f"ring_{number + 1}", (88 + 40 * number, 118, 152 - 40 * number)
         bodies.append(_body(name, ring, colour, (0, 0, low + high / 2)))
         low += high
-    pin = Rot(0, 90, 0) * Cylinder(4, 90)
-    bodies.append(_body("lock", pin, (201, 162, 75), (0, 0, 84)))
+    pin = Rot(0, 90, 0) * Cylinder(3, 90)
+    bodies.append(_body("lock", pin, (201, 162, 75), (0, 0, 57)))
     return _assembly("puzzle", bodies)
 
 

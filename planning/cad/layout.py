@@ -52,6 +52,9 @@ _NEAR_ROBOT = 0.45
 _SHARE = 0.5
 """Weight of the distance from the assembly, beside that of the deviation from the best distance from a robot."""
 
+_ROOM_OF_TOOL = 0.0025
+"""Room around a tool that puts a part in its place: motions keep a margin [m]."""
+
 _ABOVE = 0.001
 """Room between a tool that grips a part and what the part lies on [m]."""
 
@@ -267,12 +270,7 @@ class _Search:
                 continue
             if depth is not None:
                 rules = replace(rules, depth=depth)
-            grips = {
-                robot.name: list(
-                    islice(self._free_grips(robot, part, pose, rules), _MOST_GRIPS)
-                )
-                for robot in self._robots
-            }
+            grips = self._free_grips(part, pose, rules)
             above = [
                 float((pose @ grip.pose)[2, 3]) - self._fronts[name]
                 for name, own in grips.items()
@@ -291,19 +289,46 @@ class _Search:
         return first or Lying(turn, height, {})
 
     def _free_grips(
-        self, robot: PlacedRobot, part: PartToLay, start: Transform, rules: GripRules
+        self, part: PartToLay, start: Transform, rules: GripRules
+    ) -> dict[str, list[Grip]]:
+        """Return grips by which robots put the first of some parts in its place; none if another one has none.
+
+        The tool is free of the part, and of what is in the assembly by then.
+        """
+        found: dict[str, list[Grip]] = {}
+        there = dict(part.there)
+        for number, goal in enumerate(part.goals):
+            most = _MOST_GRIPS if number == 0 else 1
+            own = {
+                robot.name: list(
+                    islice(self._free(robot, part, start, goal, rules, there), most)
+                )
+                for robot in self._robots
+            }
+            if not any(own.values()):
+                return {}
+            found = found or own
+            there[f"{part.name}/{number}"] = part.item, goal
+        return found
+
+    def _free(
+        self,
+        robot: PlacedRobot,
+        part: PartToLay,
+        start: Transform,
+        goal: Transform,
+        rules: GripRules,
+        there: Mapping[str, PlacedObject],
     ) -> Iterator[Grip]:
-        """Yield grips whose tool is free of the part, and in its place of everything that is there before."""
-        shape, goal = part.item.shape, part.goals[0]
         tip = inverse(robot.model.frame_in_last_joint(self._frame))
         bodies = tuple(own_bodies(robot.model))
         approach = part.handling.approach
-        for grip in robot_grips(robot, shape, start, goal, rules):
+        for grip in robot_grips(robot, part.item.shape, start, goal, rules):
             if explain_tool_misfit(robot, self._frame, part.item, grip, approach):
                 continue
             at = goal @ grip.pose @ tip
             tool = Fixture("tool", Shape((), bodies), at)
-            if not bodies or not nearby_entities((tool, at), part.there, 0.0):
+            if not bodies or not nearby_entities((tool, at), there, _ROOM_OF_TOOL):
                 yield grip
 
     def _able(
