@@ -34,13 +34,13 @@ def gearbox() -> Any:
         housing += Pos(x, 0, -15) * Cylinder(12, 12)
         housing -= Pos(x, 0, -13) * Cylinder(6 + PLAY, 20)
     shaft = Cylinder(6, 36)
-    gear = _gear(18, 2.2, 10) + Pos(0, 0, 8) * Cylinder(11, 10)
+    gear = _gear(18, 2.2, 10) + Pos(0, 0, 12) * Cylinder(11, 14)
     gear -= Cylinder(6 + PLAY, 60)
     cover = Box(150, 130, 8) + Pos(0, 0, 14) * Cylinder(12, 20)
     for x, y in _corners(70, 60):
         cover -= Pos(x, y, 0) * Cylinder(3 + PLAY, 60)
         housing -= Pos(x, y, 0) * Cylinder(3 + PLAY, 200)
-    screw = _screw(3.0, 24, 5.5, 8)
+    screw = _screw(3.0, 24, 5.5, 14)
     turned = 180 / 18
     return _assembly(
         "gearbox",
@@ -66,14 +66,14 @@ def valve() -> Any:
     body = Box(70, 70, 50) - Pos(0, 0, 10) * Cylinder(20 + PLAY, 40)
     body -= Rot(0, 90, 0) * Cylinder(8, 100)
     piston = Cylinder(20, 15) + Pos(0, 0, 35) * Cylinder(6, 55)
-    bonnet = Box(70, 70, 10) + Pos(0, 0, 11) * Cylinder(12, 12)
+    bonnet = Box(70, 70, 10) + Pos(0, 0, 13) * Cylinder(12, 16)
     bonnet -= Cylinder(6 + PLAY, 60)
     for x, y in _corners(28, 28):
         bonnet -= Pos(x, y, 0) * Cylinder(2.5 + PLAY, 60)
         body -= Pos(x, y, 20) * Cylinder(2.5 + PLAY, 30)
-    wheel = Cylinder(30, 6) + Pos(0, 0, 9) * Cylinder(10, 12)
+    wheel = Cylinder(30, 6) + Pos(0, 0, 11) * Cylinder(10, 16)
     wheel -= Pos(0, 0, -5) * Cylinder(6 + PLAY, 16)
-    screw = _screw(2.5, 18, 4.5, 8)
+    screw = _screw(2.5, 18, 4.5, 14)
     return _assembly(
         "valve",
         [
@@ -157,7 +157,7 @@ def stack(plates: int = 3, pins: int = 4) -> Any:
         base -= Pos(x, y, 5) * Cylinder(3 + PLAY, 20)
         plate -= Pos(x, y, 0) * Cylinder(3 + PLAY, 20)
     high = 12.0 * plates
-    screw = _screw(3, high + 12, 5, 10)
+    screw = _screw(3, high + 12, 5, 14)
     return _assembly(
         "stack",
         [
@@ -178,9 +178,9 @@ def puzzle() -> Any:
     """Three rings on a post, held by a pin across it: they go together in one order only."""
     from build123d import Box, Cylinder, Pos, Rot
 
-    post = Pos(0, 0, 10) * Box(90, 90, 20) + Pos(0, 0, 41.5) * Cylinder(12, 43)
-    post -= Pos(0, 0, 57) * Rot(0, 90, 0) * Cylinder(3 + PLAY, 60)
-    rings = [(34, 10), (29, 10), (24, 12)]
+    post = Pos(0, 0, 10) * Box(90, 90, 20) + Pos(0, 0, 43) * Cylinder(12, 46)
+    post -= Pos(0, 0, 61) * Rot(0, 90, 0) * Cylinder(3 + PLAY, 60)
+    rings = [(34, 12), (29, 12), (24, 12)]
     bodies, low = [_body("post", post, (120, 130, 140))], 20.0
     for number, (radius, high) in enumerate(rings):
         ring = Cylinder(radius, high) - Cylinder(12 + PLAY, 60)
@@ -188,7 +188,7 @@ def puzzle() -> Any:
         bodies.append(_body(name, ring, colour, (0, 0, low + high / 2)))
         low += high
     pin = Rot(0, 90, 0) * Cylinder(3, 90)
-    bodies.append(_body("lock", pin, (201, 162, 75), (0, 0, 57)))
+    bodies.append(_body("lock", pin, (201, 162, 75), (0, 0, 61)))
     return _assembly("puzzle", bodies)
 
 

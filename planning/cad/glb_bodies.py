@@ -249,7 +249,8 @@ def _welded(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
             ones = np.ones(len(pairs), dtype=np.int8)
             shape = (len(points), len(points))
             graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=shape)
-            count, label = connected_components(graph, directed=False)
+            count, found = connected_components(graph, directed=False)
+            label = np.asarray(found, dtype=np.int64)
             first = np.full(count, -1)
             first[label[::-1]] = np.arange(len(points))[::-1]
             points, number = points[first], label[number]

@@ -52,7 +52,7 @@ _NEAR_ROBOT = 0.45
 _SHARE = 0.5
 """Weight of the distance from the assembly, beside that of the deviation from the best distance from a robot."""
 
-_ROOM_OF_TOOL = 0.0025
+_ROOM_OF_TOOL = 0.0015
 """Room around a tool that puts a part in its place: motions keep a margin [m]."""
 
 _ABOVE = 0.001

@@ -123,9 +123,10 @@ class _Gathered:
         corners: Corners,
     ) -> _Gathered:
         """Return the type of a body that is like no other so far."""
+        form: ExactForm | None = None
         if exact is None:
             low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
-            form, frame = None, translation(*(0.5 * (low + high)))
+            frame = translation(*(0.5 * (low + high)))
             pose = body.pose @ frame
         else:
             form, pose = exact[0].aligned(body.pose @ exact[1])

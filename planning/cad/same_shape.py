@@ -48,7 +48,7 @@ class Corners:
     @cached_property
     def away(self) -> Array:
         """Distance of each corner from the centroid, shape (v,) [m]."""
-        return np.linalg.norm(self.points - self.centre, axis=1)
+        return np.asarray(np.linalg.norm(self.points - self.centre, axis=1))
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -123,10 +123,10 @@ class Corners:
         step = max(1, len(self.points) // _SAMPLES)
         for chosen in (self.points[::step], self.points):
             moved = chosen @ pose[:3, :3].T + pose[:3, 3]
-            if other.tree.query(moved)[0].max() > within:
+            if np.max(other.tree.query(moved)[0]) > within:
                 return False
         back = (other.points - pose[:3, 3]) @ pose[:3, :3]
-        return bool(self.tree.query(back)[0].max() <= within)
+        return bool(np.max(self.tree.query(back)[0]) <= within)
 
 
 def _basis(first: Array, second: Array) -> Array:

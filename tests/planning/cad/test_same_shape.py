@@ -21,7 +21,7 @@ def corners(points: Array) -> Corners:
     """Return a convex body with some corners."""
     hull = ConvexHull(points)
     inside = points.mean(axis=0)
-    faces = hull.simplices.copy()
+    faces = hull.simplices.astype(np.int64)
     a, b, c = (points[faces[:, k]] for k in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - inside) < 0.0
     faces[inward] = faces[inward][:, ::-1]
