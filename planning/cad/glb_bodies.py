@@ -276,6 +276,9 @@ def _solids(patch: _Patch) -> Iterator[tuple[Indices, bool]]:
         if closed and volume < 0.0 and solids:
             solids[-1] = np.concatenate([solids[-1], shell])
         elif closed:
+            # A surface that is turned inside out as a whole encloses the same body.
+            if volume < 0.0:
+                patch.faces[shell] = patch.faces[shell][:, ::-1]
             solids.append(shell)
         else:
             yield shell, False

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cad_assemblies import write_step
 from tests.planned_once import PlannedOnce
 from tests.twin.program import invoke
 
@@ -81,9 +82,14 @@ LONG = (
     "studies",
     "lines",
     "robots",
+    "from-cad",
 )
 """Pages whose stories are for the night: the wall for three teams, a cell of vendors' files studied, designs of a
-cell, studies of what fails and of the cliff, a line of ten kits, a cell of drivers operated and fitted."""
+cell, studies of what fails and of the cliff, a line of ten kits, a cell of drivers operated and fitted, an assembly
+that is modelled first."""
+
+MODELLED = {"from-cad": "gearbox"}
+"""Assembly whose STEP file the reader of a page has, by page."""
 
 
 @pytest.fixture(autouse=True)
@@ -135,6 +141,8 @@ def test_command_runs(
 def test_story_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    if page in MODELLED:
+        write_step(MODELLED[page], tmp_path / f"{MODELLED[page]}.step")
     typed = pieces(STORIES[page][0].page)
     for command in STORIES[page]:
         for name, text in typed.items():

@@ -12,16 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from planning.bounds import LARGEST_M
-from planning.cad.glb_bodies import read_bodies
 from planning.cad.layout import Area, Layout, PartToLay, Table, lay_out, least_opening
-from planning.cad.part_types import PartType, Placed, sort_by_shape, unique_names
-from planning.cad.step_file import place_of_circle, triangulate_step
+from planning.cad.part_types import PartType, Placed, unique_names
 from planning.contacts.interference import ROUNDING, overlap_depth
 from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.errors import OutputError, RequestError
 from planning.grips.grip import GripRules
 from planning.transforms import Transform, translation
+from twin.cad.assembly_file import read_assembly
 from twin.cad.base_cell import (
     OPENINGS_M,
     SLACK_M,
@@ -41,6 +39,7 @@ from twin.cad.cell_content import (
     write_mesh,
 )
 from twin.cad.part_order import Group, ordered_groups
+from twin.cad.work_area import best_place, find_table
 from twin.checks.check import CheckReport, check_scenario
 from twin.checks.finding import CheckContext
 from twin.document.yaml_text import scenario_text
@@ -53,20 +52,8 @@ from twin.scenario.sections.shapes import ShapedSection
 DENSITY = 7850.0
 """Density of bodies for which none is given: that of steel [kg/m^3]."""
 
-_DEVIATIONS = (1e-5, 5e-5, 2e-4)
-"""Distances of triangles from round surfaces that are tried, until no body has too many triangles [m]."""
-
-_MOST_TRIANGLES = 100_000
-"""Most triangles of a body: more are refused of meshes that are not convex."""
-
-_BEST_DISTANCE = 0.5
-"""Distance of the assembly from the bases of the robots that is best [m]."""
-
-_FROM_ASSEMBLY, _FROM_ROBOT, _FROM_FIXTURE = 0.1, 0.2, 0.08
-"""Room for hands around the assembly, bases of robots, and fixtures on the table [m]."""
-
-_STEP = 0.02
-"""Step between places of the assembly that are tried [m]."""
+_FROM_ASSEMBLY = 0.1
+"""Room for hands around the assembly [m]."""
 
 UPS: Mapping[str, Transform] = {
     "z": np.eye(4),
@@ -148,44 +135,6 @@ def import_step_file(file: Path, output: Path, wishes: Wishes) -> ImportedAssemb
         raise
     report = check_scenario(scenario, document, output.parent)
     return ImportedAssembly(base, entries, (*notes, *more), report)
-
-
-def read_assembly(file: Path) -> tuple[list[PartType], list[str]]:
-    """Return the types of the bodies of a STEP file, and notes.
-
-    Raises:
-        RequestError: it cannot be used.
-    """
-    notes: list[str] = []
-    for deviation in _DEVIATIONS:
-        content = triangulate_step(file, deviation)
-        try:
-            bodies, notes = read_bodies(content)
-        except RequestError as error:
-            raise RequestError(f"{file}: {error.message}") from None
-        most = max((len(body.faces) for body in bodies), default=0)
-        if most <= _MOST_TRIANGLES:
-            break
-        notes.append(f"round surfaces are met to within {deviation * 1e3:g} mm")
-    else:
-        raise RequestError(
-            f"{file}: a body has {most} triangles, more than {_MOST_TRIANGLES}: simplify it"
-        )
-    if not bodies:
-        found = "; ".join(notes) or "it has no shapes"
-        raise RequestError(f"{place_of_circle(file)}: no solid bodies: {found}")
-    if len(bodies) < 2:
-        raise RequestError(
-            f"{file}: it has one body, and an assembly has two or more: export the"
-            " assembly, not a part"
-        )
-    types = sort_by_shape(bodies)
-    low, high = bounds_of(p.vertices for own in types for p in own.placed)
-    if np.abs([low, high]).max() > LARGEST_M:
-        raise RequestError(
-            f"{file}: it reaches beyond {LARGEST_M} m: look at its units"
-        )
-    return types, notes
 
 
 def _named_apart(types: Sequence[PartType], cell: dict[str, Any]) -> list[PartType]:
@@ -276,7 +225,7 @@ class _Writer:
             self._grips = open_fingers(self._cell, self._opening(entries))
         provisional = {own.name: list(own.goals) for own in entries}
         context = self._context(self._scenario(entries, provisional, (), {}))
-        table = self._table(context)
+        table = find_table(context.built, self._base.name)
         place = self._assembly_pose(table, context)
         fixture["pose"] = pose_content(place @ self._base.pose)
         entries = self._entries(groups, place)
@@ -356,36 +305,6 @@ class _Writer:
         wide = [opening - SLACK_M for opening in OPENINGS_M]
         return least_opening(parts, GripRules(), wide) + SLACK_M
 
-    def _table(self, context: CheckContext) -> Table:
-        """Return the largest fixture as a table, with what stands on it."""
-        boxes = {}
-        for item in context.built.fixtures:
-            if item.name == self._base.name:
-                continue
-            corners = np.vstack(
-                [
-                    piece.vertices @ item.pose[:3, :3].T + item.pose[:3, 3]
-                    for piece in item.shape.pieces
-                ]
-            )
-            boxes[item.name] = corners.min(axis=0), corners.max(axis=0)
-        if not boxes:
-            raise RequestError("the cell has no fixture that could be a table")
-        name = max(
-            boxes, key=lambda own: float(np.prod(np.ptp(boxes[own], axis=0)[:2]))
-        )
-        low, high = boxes.pop(name)
-        obstacles = [
-            (Area(a[:2], b[:2]), _FROM_FIXTURE)
-            for a, b in boxes.values()
-            if b[2] > high[2] + 1e-3
-        ]
-        for robot in context.built.robots:
-            at = robot.base[:2, 3]
-            obstacles.append((Area(at, at), _FROM_ROBOT))
-        area = Area(low[:2], high[:2])
-        return Table(area, float(high[2]), tuple(obstacles), 0.5 * (low + high)[:2])
-
     def _assembly_pose(self, table: Table, context: CheckContext) -> Transform:
         """Return the pose of the assembly's frame in the world."""
         turn = UPS[self._wishes.up]
@@ -398,37 +317,16 @@ class _Writer:
         at = self._wishes.at
         if at is None:
             area = Area(low[:2] - middle[:2], high[:2] - middle[:2])
-            at = (*self._middle(table, area, context), table.top)
+            bases = [robot.base[:2, 3] for robot in context.built.robots]
+            found = best_place(table, area, bases)
+            if found is None:
+                size = " x ".join(f"{v * 1e3:.0f}" for v in (high - low)[:2])
+                raise RequestError(
+                    f"{self._file}: the table has no room for the assembly, which is {size} mm"
+                    " seen from above: say --at X,Y,Z"
+                )
+            at = (*found, table.top)
         return translation(*(np.array(at) - middle)) @ turn
-
-    def _middle(
-        self, table: Table, area: Area, context: CheckContext
-    ) -> tuple[float, float]:
-        """Return where on the table the assembly is as near to all robots as is best."""
-        centre = 0.5 * (table.area.low + table.area.high)
-        counts = ((table.area.high - centre) / _STEP).astype(int)
-        xs, ys = (
-            middle + _STEP * np.arange(-count, count + 1)
-            for middle, count in zip(centre, counts, strict=True)
-        )
-        at = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
-        free = np.all(at + area.low >= table.area.low, axis=1)
-        free &= np.all(at + area.high <= table.area.high, axis=1)
-        for other, room in table.obstacles:
-            apart = np.maximum(at + area.low - other.high, other.low - at - area.high)
-            free &= apart.max(axis=1) >= room
-        if not free.any():
-            raise RequestError(
-                f"{self._file}: the table has no room for the assembly, which is"
-                f" {' x '.join(f'{v * 1e3:.0f}' for v in area.high - area.low)} mm: say --at X,Y,Z"
-            )
-        at = at[free]
-        bases = np.array([robot.base[:2, 3] for robot in context.built.robots])
-        away = np.linalg.norm(at[:, None] - bases, axis=2)
-        worst = np.abs(away - _BEST_DISTANCE).max(axis=1)
-        order = np.lexsort((np.linalg.norm(at - centre, axis=1), np.round(worst, 6)))
-        x, y = np.round(at[order[0]], 6).tolist()
-        return x, y
 
     def _entries(
         self, groups: Sequence[Group], place: Transform

@@ -12,7 +12,7 @@ from planning.cad.part_types import readable_name, sort_by_shape, unique_names
 from planning.cad.step_file import triangulate_step
 from planning.cad.step_text import check_step_text
 from planning.errors import RequestError
-from twin.cad.step_import import read_assembly
+from twin.cad.assembly_file import read_assembly
 
 PEGS = Path(__file__).parent / "pegs.step"
 GOOD = PEGS.read_bytes()

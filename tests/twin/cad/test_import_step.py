@@ -12,8 +12,8 @@ import yaml
 
 from tests.cad_assemblies import ASSEMBLIES, write_step
 from tests.twin.program import invoke
+from twin.cad.assembly_file import read_assembly
 from twin.cad.part_order import ordered_groups
-from twin.cad.step_import import read_assembly
 
 PEGS = Path(__file__).parents[2] / "planning" / "cad" / "pegs.step"
 

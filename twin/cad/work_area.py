@@ -1,0 +1,85 @@
+"""Table of a cell, what stands on it, and the place for an assembly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from planning.cad.layout import Area, Table
+from planning.cell.workcell import Workcell
+from planning.errors import RequestError
+from planning.transforms import Array
+
+_BEST_DISTANCE = 0.5
+"""Distance of the assembly from the bases of the robots that is best [m]."""
+
+_FROM_ROBOT, _FROM_FIXTURE = 0.2, 0.08
+"""Room for hands around bases of robots, and fixtures on the table [m]."""
+
+_STEP = 0.02
+"""Step between places of the assembly that are tried [m]."""
+
+
+def find_table(cell: Workcell, base: str) -> Table:
+    """Return the largest fixture as a table, with what stands on it.
+
+    Args:
+        cell: with the base of the assembly, wherever it is.
+        base: name of that, which does not count.
+
+    Raises:
+        RequestError: there is no other fixture.
+    """
+    boxes = {}
+    for item in cell.fixtures:
+        if item.name != base:
+            points = np.vstack([piece.vertices for piece in item.shape.pieces])
+            points = points @ item.pose[:3, :3].T + item.pose[:3, 3]
+            boxes[item.name] = points.min(axis=0), points.max(axis=0)
+    if not boxes:
+        raise RequestError("the cell has no fixture that could be a table")
+    name = max(boxes, key=lambda own: float(np.prod(np.ptp(boxes[own], axis=0)[:2])))
+    low, high = boxes.pop(name)
+    obstacles = [
+        (Area(a[:2], b[:2]), _FROM_FIXTURE)
+        for a, b in boxes.values()
+        if b[2] > high[2] + 1e-3
+    ]
+    for robot in cell.robots:
+        at = robot.base[:2, 3]
+        obstacles.append((Area(at, at), _FROM_ROBOT))
+    area = Area(low[:2], high[:2])
+    return Table(area, float(high[2]), tuple(obstacles), 0.5 * (low + high)[:2])
+
+
+def best_place(
+    table: Table, area: Area, bases: Sequence[Array]
+) -> tuple[float, float] | None:
+    """Return where on a table an assembly is at the best distance from all robots; None where it has no room [m].
+
+    Args:
+        table: the table.
+        area: of the assembly, from its middle.
+        bases: of the robots, seen from above, each of shape (2,) [m].
+    """
+    centre = 0.5 * (table.area.low + table.area.high)
+    counts = ((table.area.high - centre) / _STEP).astype(int)
+    xs, ys = (
+        middle + _STEP * np.arange(-count, count + 1)
+        for middle, count in zip(centre, counts, strict=True)
+    )
+    at = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
+    free = np.all(at + area.low >= table.area.low, axis=1)
+    free &= np.all(at + area.high <= table.area.high, axis=1)
+    for other, room in table.obstacles:
+        apart = np.maximum(at + area.low - other.high, other.low - at - area.high)
+        free &= apart.max(axis=1) >= room
+    at = at[free]
+    if not len(at):
+        return None
+    away = np.linalg.norm(at[:, None] - np.array(bases), axis=2)
+    worst = np.abs(away - _BEST_DISTANCE).max(axis=1)
+    order = np.lexsort((np.linalg.norm(at - centre, axis=1), np.round(worst, 6)))
+    x, y = np.round(at[order[0]], 6).tolist()
+    return x, y
