@@ -112,6 +112,10 @@ BY_KERNEL: dict[str, tuple[bytes, str]] = {
 }
 
 
+BY_DAY = "solid of itself"
+"""Case that the kernel reads by day: each takes a second."""
+
+
 def refusal(path: Path) -> str:
     """Return why a file is refused, of whatever kind."""
     with pytest.raises(RequestError) as found:
@@ -119,7 +123,13 @@ def refusal(path: Path) -> str:
     return found.value.message
 
 
-@pytest.mark.parametrize("case", BY_KERNEL)
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=() if case == BY_DAY else pytest.mark.nightly)
+        for case in BY_KERNEL
+    ],
+)
 def test_what_the_kernel_refuses_is_refused(case: str, tmp_path: Path) -> None:
     content, words = BY_KERNEL[case]
     path = tmp_path / "a.step"
@@ -161,6 +171,7 @@ def test_bodies_have_names_colours_and_places() -> None:
         np.testing.assert_allclose(own.pose[:3, 3], [x, 0.0, 0.01], atol=1e-7)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("unit", "scale"),
     [(b"SI_UNIT(.MILLI.,.METRE.)", 1.0), (b"SI_UNIT($,.METRE.)", 1e3)],

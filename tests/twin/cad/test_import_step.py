@@ -90,6 +90,7 @@ def test_what_cannot_be_imported_ends_with_2(
     assert "pip install 'assembly-twin[cad]'" in done.stderr
 
 
+@pytest.mark.nightly
 def test_the_base_can_be_chosen_among_the_bodies() -> None:
     types, _ = read_assembly(PEGS)
     peg = types[1].placed[0]
