@@ -187,7 +187,7 @@ def puzzle() -> Any:
         name, colour = f"ring_{number + 1}", (88 + 40 * number, 118, 152 - 40 * number)
         bodies.append(_body(name, ring, colour, (0, 0, low + high / 2)))
         low += high
-    pin = Rot(0, 90, 0) * Cylinder(3, 90)
+    pin = Rot(0, 90, 0) * Cylinder(3, 120)
     bodies.append(_body("lock", pin, (201, 162, 75), (0, 0, 61)))
     return _assembly("puzzle", bodies)
 

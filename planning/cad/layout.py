@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot
 from planning.contacts.touching import PlacedObject, nearby_entities
+from planning.grips.closing_fingers import swept_fingers
 from planning.grips.grip import Grip, GripRules
 from planning.grips.pads import own_bodies
 from planning.grips.shape_grips import part_grips
@@ -320,13 +321,16 @@ class _Search:
         rules: GripRules,
         there: Mapping[str, PlacedObject],
     ) -> Iterator[Grip]:
-        tip = inverse(robot.model.frame_in_last_joint(self._frame))
-        bodies = tuple(own_bodies(robot.model))
-        approach = part.handling.approach
-        for grip in robot_grips(robot, part.item.shape, start, goal, rules):
+        model, shape = robot.model, part.item.shape
+        tip = model.frame_in_last_joint(self._frame)
+        for grip in robot_grips(robot, shape, start, goal, rules):
+            approach = part.handling.approach
             if explain_tool_misfit(robot, self._frame, part.item, grip, approach):
                 continue
-            at = goal @ grip.pose @ tip
+            # Fingers need room from where they are open to where they hold the part.
+            closing = swept_fingers(model, tip, shape, grip.pose) or model
+            bodies = tuple(own_bodies(closing))
+            at = goal @ grip.pose @ inverse(tip)
             tool = Fixture("tool", Shape((), bodies), at)
             if not bodies or not nearby_entities((tool, at), there, _ROOM_OF_TOOL):
                 yield grip

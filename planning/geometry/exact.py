@@ -193,7 +193,11 @@ def hull_distance(a: Solid, pose_a: Any, b: Solid, pose_b: Any) -> float:
     """Return the signed distance of two hulls at coal poses; negative is penetration [m]."""
     # Threads may measure concurrently, so each needs a result of its own.
     result = coal.DistanceResult()
-    return float(coal.distance(a.shape, pose_a, b.shape, pose_b, _REQUEST, result))
+    found = float(coal.distance(a.shape, pose_a, b.shape, pose_b, _REQUEST, result))
+    if found < -1e100:  # coal fails for some faces in one plane, one way round
+        result = coal.DistanceResult()
+        found = float(coal.distance(b.shape, pose_b, a.shape, pose_a, _REQUEST, result))
+    return found
 
 
 def hull_distance_at(a: Solid, q_a: Array, b: Solid, q_b: Array) -> float:

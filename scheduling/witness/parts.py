@@ -15,6 +15,9 @@ from scheduling.witness.shapes import coal_forms
 TOLERANCE = 2e-5
 """Tolerance of distance comparisons with the clearance: the accuracy of coal [m]."""
 
+_DEEPEST = 1e100
+"""An overlap that is deeper than this is none: coal has failed [m]."""
+
 _REQUEST = coal.DistanceRequest()
 _RESULT = coal.DistanceResult()
 
@@ -78,4 +81,10 @@ def coal_pose(pose: Transform) -> Any:
 def shape_distance(a: Any, pose_a: Any, b: Any, pose_b: Any) -> float:
     """Return the signed distance of two of coal's shapes at two of its poses [m]."""
     _RESULT.clear()
-    return float(coal.distance(a, pose_a, b, pose_b, _REQUEST, _RESULT))
+    distance = float(coal.distance(a, pose_a, b, pose_b, _REQUEST, _RESULT))
+    if distance < -_DEEPEST:
+        # Where faces of two hulls lie in one plane, coal may fail. It then finds them the other way round.
+        _RESULT.clear()
+        distance = float(coal.distance(b, pose_b, a, pose_a, _REQUEST, _RESULT))
+        _RESULT.normal = -_RESULT.normal
+    return distance
