@@ -61,10 +61,9 @@ def gearbox() -> Any:
 
 def valve() -> Any:
     """A piston in a body, a bonnet around its stem held by four screws, and a wheel on the stem."""
-    from build123d import Box, Cylinder, Pos, Rot
+    from build123d import Box, Cylinder, Pos
 
     body = Box(70, 70, 50) - Pos(0, 0, 10) * Cylinder(20 + PLAY, 40)
-    body -= Rot(0, 90, 0) * Cylinder(8, 100)
     piston = Cylinder(20, 15) + Pos(0, 0, 35) * Cylinder(6, 55)
     bonnet = Box(70, 70, 10) + Pos(0, 0, 13) * Cylinder(12, 16)
     bonnet -= Cylinder(6 + PLAY, 60)
@@ -123,8 +122,8 @@ def drawer() -> Any:
     box = Box(59.8, 70, 29.8) - Pos(0, 0, 5) * Box(50, 60, 29.8)
     # A tongue at the front, by which it is held.
     box += Pos(0, -65, 0) * Box(16, 60, 12)
-    lid = Box(60, 70, 10)
-    dowel = Cylinder(4, 24)
+    lid = Box(60, 70, 16)
+    dowel = Cylinder(4, 40)
     for x in (-35, 35):
         cabinet -= Pos(x, -10, 0) * Box(60, 80, 30)
         cabinet -= Pos(x / 35 * 20, 0, 20) * Cylinder(4 + PLAY, 16)
@@ -135,9 +134,9 @@ def drawer() -> Any:
             _body("cabinet", cabinet, (120, 130, 140), (0, 0, 25)),
             _body("drawer", box, (201, 162, 75), (-35, -5, 24.9)),
             _body("drawer", box, (201, 162, 75), (35, -5, 24.9)),
-            _body("lid", lid, (88, 118, 152), (0, 0, 55)),
-            _body("dowel", dowel, (170, 174, 180), (-20, 0, 57)),
-            _body("dowel", dowel, (170, 174, 180), (20, 0, 57)),
+            _body("lid", lid, (88, 118, 152), (0, 0, 58)),
+            _body("dowel", dowel, (170, 174, 180), (-20, 0, 65)),
+            _body("dowel", dowel, (170, 174, 180), (20, 0, 65)),
         ],
     )
 

@@ -62,6 +62,9 @@ _ABOVE = 0.001
 _DEPTHS = (0.012, 0.006, 0.003, 0.0015)
 """Depths of grips that are tried where the tool has no room at that of the rules [m]."""
 
+_OPENINGS = (0.056, 0.036, 0.016)
+"""Widths of places that are gripped, where all wider ones have no room for the tool [m]."""
+
 _SHARE_OF_STAND = 0.8
 """Width of a stand, as a share of that of the part: fingers reach down beside it."""
 
@@ -128,7 +131,7 @@ class Lying:
         turn: their rotation, shape (3, 3).
         height: of the origin of their frame above what they lie on [m].
         grips: on them, by robot.
-        depth: depth of grips that keeps fingers above what they lie on; None for that of the rules [m].
+        rules: for grips on them, with which tools have room; None for those of the assembly.
         stand: height of the stand under each, 0 for none [m].
         size: edges of the top of that, along x and y [m].
     """
@@ -136,7 +139,7 @@ class Lying:
     turn: Array
     height: float
     grips: Mapping[str, list[Grip]]
-    depth: float | None = None
+    rules: GripRules | None = None
     stand: float = 0.0
     size: tuple[float, float] = (0.0, 0.0)
 
@@ -230,10 +233,8 @@ class _Search:
         found = list[Transform]()
         self.layout.lying[part.name], self.layout.starts[part.name] = lying, found
         handling = part.handling
-        if lying.depth is not None:
-            handling = replace(
-                handling, grips=replace(handling.grips, depth=lying.depth)
-            )
+        if lying.rules is not None:
+            handling = replace(handling, grips=lying.rules)
         part = replace(part, handling=handling)
         far = False
         for goal in part.goals:
@@ -265,12 +266,7 @@ class _Search:
         pose = np.eye(4)
         pose[:3, :3], pose[2, 3] = turn, height
         first: Lying | None = None
-        for depth in (None, *_DEPTHS):
-            rules = part.handling.grips
-            if depth is not None and depth >= rules.depth:
-                continue
-            if depth is not None:
-                rules = replace(rules, depth=depth)
+        for rules in _variants(part.handling.grips):
             grips = self._free_grips(part, pose, rules)
             above = [
                 float((pose @ grip.pose)[2, 3]) - self._fronts[name]
@@ -280,13 +276,13 @@ class _Search:
             if not above:
                 continue
             if max(above) >= _ABOVE:
-                return Lying(turn, height, grips, depth)
+                return Lying(turn, height, grips, rules)
             if first is None:
                 stand = math.ceil(1e3 * (_ABOVE - max(above))) / 1e3
                 low, high = _extent(part.item.shape, turn)
                 x, y = (_SHARE_OF_STAND * (high - low)[:2]).round(4).tolist()
                 size = max(x, 1e-3), max(y, 1e-3)
-                first = Lying(turn, height, grips, depth, stand, size)
+                first = Lying(turn, height, grips, rules, stand, size)
         return first or Lying(turn, height, {})
 
     def _free_grips(
@@ -408,6 +404,14 @@ class _Search:
         away = away + _SHARE * np.linalg.norm(at - self._table.middle, axis=1)
         order = np.lexsort((at[:, 1], at[:, 0], np.round(away, 6)))
         return [(x, y) for x, y in at[order].tolist()]
+
+
+def _variants(rules: GripRules) -> Iterator[GripRules]:
+    """Yield rules for grips, and others by which tools reach less deep, and grip narrower places."""
+    for opening in (rules.opening, *_OPENINGS):
+        for depth in (rules.depth, *_DEPTHS):
+            if opening <= rules.opening and depth <= rules.depth:
+                yield replace(rules, depth=depth, opening=opening)
 
 
 def _extent(shape: Shape, turn: Array) -> tuple[Array, Array]:

@@ -54,7 +54,7 @@ def part_content(
     shape: Mapping[str, Any],
     starts: Sequence[Transform],
     number: int,
-    depth: float | None,
+    grips: Mapping[str, float],
 ) -> dict[str, Any]:
     """Return the entry of a part, or of parts that are alike, in ``assembly.parts``.
 
@@ -63,7 +63,7 @@ def part_content(
         shape: of each, see ``shape_content``.
         starts: where they lie.
         number: of the type, for its colour where the file gives none.
-        depth: of the grips; None for that of the assembly [m].
+        grips: rules for grips on it that are others than those of the assembly.
     """
     out: dict[str, Any] = {"name": entry.name, **shape}
     if len(entry.goals) == 1:
@@ -78,8 +78,8 @@ def part_content(
     if entry.insert != (0.0, 0.0, -1.0):
         out["insert"] = list(entry.insert)
     out["approach_m"] = entry.approach
-    if depth is not None:
-        out["grips"] = {"depth_m": depth}
+    if grips:
+        out["grips"] = dict(grips)
     return out
 
 

@@ -12,7 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from planning.cad.layout import Area, Layout, PartToLay, Table, lay_out, least_opening
+from planning.cad.layout import (
+    Area,
+    Layout,
+    Lying,
+    PartToLay,
+    Table,
+    lay_out,
+    least_opening,
+)
 from planning.cad.part_types import PartType, Placed, unique_names
 from planning.contacts.interference import ROUNDING, overlap_depth
 from planning.contacts.touching import PlacedObject, nearby_entities
@@ -236,8 +244,7 @@ class _Writer:
                     stand_content(own.name, layout, table.top)
                 )
         presses = self._presses(context)
-        depths = {name: lying.depth for name, lying in layout.lying.items()}
-        content = self._scenario(entries, layout.starts, presses, depths)
+        content = self._scenario(entries, layout.starts, presses, layout.lying)
         return content, entries, layout.notes
 
     def remove_meshes(self) -> None:
@@ -268,7 +275,7 @@ class _Writer:
         entries: Sequence[PartEntry],
         starts: Mapping[str, Sequence[Transform]],
         presses: Sequence[dict[str, Any]],
-        depths: Mapping[str, float | None],
+        lying: Mapping[str, Lying],
     ) -> dict[str, Any]:
         numbers = {own.name: k for k, own in enumerate(self._types)}
         assembly: dict[str, Any] = {"kind": "assembly"}
@@ -280,7 +287,7 @@ class _Writer:
                 self._shapes[own.type.name],
                 starts[own.name],
                 numbers[own.type.name],
-                depths.get(own.name),
+                self._own_grips(lying.get(own.name)),
             )
             for own in entries
         ]
@@ -292,6 +299,16 @@ class _Writer:
             name = f"assembly_{name}"
         about = {"version": 1, "name": name, "seed": 0}
         return {**about, "cell": self._cell, "assembly": assembly}
+
+    def _own_grips(self, lying: Lying | None) -> dict[str, float]:
+        """Return the rules for grips on a part that are others than those of the assembly."""
+        usual = {"depth_m": GripRules().depth, "opening_m": GripRules().opening}
+        given = self._grips or {}
+        usual |= {key: given[key] for key in usual if key in given}
+        if lying is None or lying.rules is None:
+            return {}
+        own = {"depth_m": lying.rules.depth, "opening_m": lying.rules.opening}
+        return {key: value for key, value in own.items() if value != usual[key]}
 
     def _opening(self, entries: Sequence[PartEntry]) -> float:
         """Return how far fingers must be apart [m]."""
