@@ -22,9 +22,11 @@ from planning.cad.layout import (
     least_opening,
 )
 from planning.cad.part_types import PartType, Placed, unique_names
+from planning.cell.shape import Shape
+from planning.cell.workcell import Fixture
 from planning.contacts.interference import ROUNDING, overlap_depth
 from planning.contacts.touching import PlacedObject, nearby_entities
-from planning.errors import OutputError, RequestError
+from planning.errors import OutputError, RequestError, ShapeError
 from planning.grips.grip import GripRules
 from planning.transforms import Transform, translation
 from twin.cad.assembly_file import read_assembly
@@ -62,6 +64,9 @@ DENSITY = 7850.0
 
 _FROM_ASSEMBLY = 0.1
 """Room for hands around the assembly [m]."""
+
+_FILLED, _FINE = 0.001, 0.0005
+"""Where pieces of a mesh are deeper than the first in a part that is in a hollow of it, they may be so by the second [m]."""
 
 UPS: Mapping[str, Transform] = {
     "z": np.eye(4),
@@ -229,6 +234,7 @@ class _Writer:
             self._file,
         )
         entries = self._entries(groups, np.eye(4))
+        self._refine_bores()
         if self._grips is None:
             self._grips = open_fingers(self._cell, self._opening(entries))
         provisional = {own.name: list(own.goals) for own in entries}
@@ -298,7 +304,36 @@ class _Writer:
         if not re.match(r"[A-Za-z]", name) or name.lower() in ("true", "false", "null"):
             name = f"assembly_{name}"
         about = {"version": 1, "name": name, "seed": 0}
-        return {**about, "cell": self._cell, "assembly": assembly}
+        # Written and read again, as YAML would refer to what is there twice.
+        whole = {**about, "cell": self._cell, "assembly": assembly}
+        return dict(json.loads(json.dumps(whole)))
+
+    def _build(self, kind: PartType) -> Shape:
+        """Return the shape of a type, as planning has it."""
+        section = ShapedSection.model_validate_json(json.dumps(self._shapes[kind.name]))
+        return build_shape(kind.name, section.described, self._output.parent)
+
+    def _refine_bores(self) -> None:
+        """Have meshes cut finer whose convex pieces fill the hollows in which other parts are."""
+        placed = {
+            own.name: (Fixture(own.name, self._build(kind), own.pose), own.pose)
+            for kind in self._types
+            for own in kind.placed
+        }
+        kinds = {own.name: kind for kind in self._types for own in kind.placed}
+        fine: dict[str, PartType] = {}
+        for name, own in placed.items():
+            others = {k: other for k, other in placed.items() if k < name}
+            for other, gap in nearby_entities(own, others, 0.0).items():
+                if gap < -_FILLED and overlap_depth(own, placed[other]) <= ROUNDING:
+                    found = (kinds[name], kinds[other])
+                    fine |= {kind.name: kind for kind in found if kind.form is None}
+        for kind in fine.values():
+            self._shapes[kind.name]["shape"]["within_m"] = _FINE
+            try:
+                self._build(kind)
+            except ShapeError:  # too many pieces
+                del self._shapes[kind.name]["shape"]["within_m"]
 
     def _own_grips(self, lying: Lying | None) -> dict[str, float]:
         """Return the rules for grips on a part that are others than those of the assembly."""
@@ -313,12 +348,7 @@ class _Writer:
     def _opening(self, entries: Sequence[PartEntry]) -> float:
         """Return how far fingers must be apart [m]."""
         turn = UPS[self._wishes.up]
-        parts = []
-        for own in entries:
-            text = json.dumps(self._shapes[own.type.name])
-            section = ShapedSection.model_validate_json(text)
-            shape = build_shape(own.name, section.described, self._output.parent)
-            parts.append((shape, turn @ own.goals[0]))
+        parts = [(self._build(own.type), turn @ own.goals[0]) for own in entries]
         wide = [opening - SLACK_M for opening in OPENINGS_M]
         return least_opening(parts, GripRules(), wide) + SLACK_M
 
