@@ -225,6 +225,8 @@ HOOKS = Group(
         "design": "twin.explorations.designs:begin_named_design",
         "assignment search": "planning.assignment_search.search:search_assignments",
         "makespan bound": "planning.makespan_bound.makespan_bound:makespan_bound_s",
+        "other arms": "twin.shared_bodies.arms:without_other_arms",
+        "shared bodies": "twin.shared_bodies.fixtures:mount_on_shared_bodies",
     },
 )
 """Functions of optional parts that the core calls where they are installed."""

@@ -201,7 +201,7 @@ def check_physics(subject: CheckContext) -> Findings:
         if robot.limits.velocity is None:
             continue
         bare = robot.changed(limits=LimitsSection())
-        described = fitted_model(bare, cell.tools, subject.folder).velocity
+        described = fitted_model(bare, cell, subject.folder).velocity
         model = subject.built.robot(robot.name).model
         ratio = model.velocity / np.maximum(described, 1e-9)
         k = int(np.argmax(ratio))

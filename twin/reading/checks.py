@@ -191,10 +191,10 @@ def _check_robots(cell: CellSection, folder: Path) -> Problems:
     for i, robot in _distinct_robots(cell):
         own = robot
         try:
-            model = fitted_model(robot, cell.tools, folder)
+            model = fitted_model(robot, cell, folder)
             for own in robot.outfits if robot.tools else ():
                 if own.tool in cell.tools:
-                    fitted_model(own, cell.tools, folder)
+                    fitted_model(own, cell, folder)
         except FittingError as error:
             at = _place(cell, i, error.key)
             if error.key == "tool" and own.tool in cell.tools:

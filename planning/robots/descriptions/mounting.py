@@ -6,7 +6,7 @@ description of a vendor.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
@@ -181,8 +181,12 @@ def fitted_description(
     dirs = search_folders(path, package_dirs)
     known = written_options(root) or options
     checked_tree(root, path, dirs, free_kinds(root))
+    _take_off(root, fitting.removed, "", path)
+    _empty(root, fitting.emptied)
     with _located_errors("joints", bool(fitting.held)):
         hold_joints(root, path, {**known.frozen, **fitting.held})
+    if fitting.flange is not None:
+        _hold_branches(root, path, fitting.flange)
     with _located_errors("limits", fitting.limits != GivenLimits()):
         _write_limits(root, path, known, fitting.limits)
     _complete_limits(root)
@@ -214,6 +218,33 @@ def fitted_description(
     _tidy(root)
     write_options(root, replace(known, flange_link=flange))
     return root
+
+
+def _empty(root: Element, links: Collection[str]) -> None:
+    """Remove the shapes of some links."""
+    for link in root.findall("link"):
+        if link.get("name") in links:
+            for shape in (*link.findall("collision"), *link.findall("visual")):
+                link.remove(shape)
+
+
+def _hold_branches(root: Element, path: Path, flange: str) -> None:
+    """Fix the joints that do not lead to the flange.
+
+    Raises:
+        FittingError: nothing moves such a link, or a joint beside the chain follows one of it.
+    """
+    tree = checked_tree(root, path, search_folders(path), free_kinds(root))
+    moved = [k for k in tree.parents if tree.moving.keys() & tree.joints_to(k)]
+    if flange in moved:
+        with _located_errors("joints", True):
+            hold_all_joints(root, path, {}, tree.joints_to(flange))
+    elif tree.branches:
+        raise FittingError(
+            f"{path}: {flange!r} is no link that a joint moves",
+            key="flange",
+            choices=tuple(moved),
+        )
 
 
 @contextmanager

@@ -140,6 +140,20 @@ class LinkTree:
         """Return the link that a joint moves."""
         return next(c for c, (_, name) in self.parents.items() if name == joint)
 
+    def joints_to(self, link: str) -> tuple[str, ...]:
+        """Return the names of the joints between the root and a link, the link's own first."""
+        out = []
+        while link in self.parents:
+            link, joint = self.parents[link]
+            out.append(joint)
+        return tuple(out)
+
+    @property
+    def branches(self) -> bool:
+        """Whether no link hangs on all joints that move."""
+        most = max(len(self.moving.keys() & self.joints_to(k)) for k in self.parents)
+        return most < len(self.moving)
+
 
 @dataclass(frozen=True)
 class UrdfFile(LinkTree):
@@ -307,15 +321,33 @@ def _chain_order(
     while len(order) < len(above):
         following = [joint for joint, upper in above.items() if upper == last]
         if len(following) > 1:
+            ends = _ends(parents, following)
             raise RobotModelError(
                 f"{path}: the chain branches at joints "
                 + " and ".join(repr(joint) for joint in following[:2])
-                + "; only serial arms are supported: hold what is not of the arm, such as fingers,"
-                f" with 'joints: {{{': 0.0, '.join(following)}: 0.0}}'"
+                + "; name the 'flange' of the arm, such as "
+                + " or ".join(repr(link) for link in ends[:2])
+                + ", and all that does not lead there stands still; or hold what is not of the arm,"
+                " such as fingers, with 'joints'"
             )
         last = following[0]
         order.append(last)
     return order
+
+
+def _ends(
+    parents: Mapping[str, tuple[str, str]], joints: Sequence[str]
+) -> tuple[str, ...]:
+    """Return for each of some joints a link at the end of what hangs on it, a flange where one is named so."""
+    found: dict[str, str] = {}
+    bearing = {parent for parent, _ in parents.values()}
+    for end in (link for link in parents if link not in bearing):
+        link = end
+        while link in parents:
+            link, joint = parents[link]
+            if joint in joints and not _is_flange(found.get(joint, "")):
+                found[joint] = end
+    return tuple(found[joint] for joint in joints)
 
 
 def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
