@@ -185,9 +185,8 @@ class Encounters:
                     continue
                 first = Side(motion, robot)
                 second = Side(still.motions[k], None, rest.tasks)
-                if (
-                    rest.hand == robot.name
-                ):  # the object is displaced together with the robot
+                # The object is displaced together with the robot.
+                if rest.hand == robot.name or rest.object in mounted:
                     first, second = (
                         first.with_errors_scaled(0.0),
                         second.with_errors_scaled(0.0),

@@ -218,7 +218,7 @@ def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
         return None
     rng = np.random.default_rng(0)
     drawn = rng.uniform(model.lower, model.upper, (_SAMPLES, model.dof))
-    base = robot.base[:3, 3]
+    base = robot.foot[:3, 3]
     return max(
         float(np.linalg.norm((frame_pose(robot, q, frame)[:3, 3] - base)[:2]))
         for q in drawn
@@ -304,7 +304,7 @@ def _draw_robots(
 ) -> None:
     for number, robot in enumerate(subject.cell.robots):
         colour = _ROBOTS[number % len(_ROBOTS)]
-        base = robot.base[:3, 3]
+        base = robot.foot[:3, 3]
         radius = reaches[robot.name]
         if view.eye == 2 and radius is not None:
             area.add_patch(

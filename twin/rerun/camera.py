@@ -118,7 +118,7 @@ def _directions(tpg: TemporalPlanGraph) -> list[Array]:
         turns = np.concatenate([_SITE_TURNS, _SITE_TURNS + math.pi])
         slope = _SITE_SLOPE
     else:
-        bases = [robot.base[:2, 3] for robot in tpg.cell.robots]
+        bases = [robot.foot[:2, 3] for robot in tpg.cell.robots]
         line = bases[-1] - bases[0] if bases else np.zeros(2)
         along = math.atan2(line[1], line[0]) if np.linalg.norm(line) > 1e-6 else 0.0
         turns, slope = np.array([_ARMS_TURN]), _ARMS_SLOPE

@@ -37,6 +37,7 @@ class Arm:
         way: joints between the root and the flange that are not fixed in the description.
         moved: those of them that are not held.
         above: joints between the root and each link, the link's own first.
+        plain: links that can be touched, and have no visual shapes.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Arm:
     way: Set[str]
     moved: Set[str]
     above: Mapping[str, tuple[str, ...]]
+    plain: Set[str]
 
     @property
     def links(self) -> frozenset[str]:
@@ -64,7 +66,8 @@ def without_other_arms(
 ) -> Fitting:
     """Return the changes to a description that leave a robot what is its own.
 
-    The other arms are removed, and the shapes of the links that all share.
+    The other arms are removed, and the shapes of the links that all share: these are fixtures. Where all of them have
+    looks, the first of the robots is drawn with them in place of the fixtures.
 
     Args:
         fitting: the other changes.
@@ -80,16 +83,29 @@ def without_other_arms(
         return fitting
     listed = [section.name for section in cell.robots]
     for other in others:
-        if listed.index(other.name) < listed.index(robot.name):
-            _check_together(own, other)
+        fault = _contradiction(own, other)
+        if fault and listed.index(other.name) > listed.index(robot.name):
+            return fitting  # it is said of the other one
+        if fault:
+            raise FittingError(fault, key="joints")
+    if robot.base_error is not None:
+        names = ", ".join(arm.name for arm in others)
+        raise FittingError(
+            f"{robot.name} is an arm of one body with {names}, and the place of a body that is shared is taken as"
+            " exact: base_error is not for such arms",
+            key="base_error",
+        )
     removed = frozenset[str]().union(*(arm.links for arm in others))
     held = {k: v for arm in (*others, own) for k, v in arm.held.items()}
     gone = own.moved | {own.above[link][0] for link in removed}
+    shared = own.shared_with(others)
+    first = min((own, *others), key=lambda arm: listed.index(arm.name))
     return replace(
         fitting,
         held={name: value for name, value in held.items() if name not in gone},
         removed=removed,
-        emptied=own.shared_with(others),
+        emptied=shared,
+        looks=own is first and shared.isdisjoint(own.plain),
     )
 
 
@@ -123,28 +139,21 @@ def arms_beside(
     return own, [arm for arm in others if arm is not None and arm.moved != own.moved]
 
 
-def _check_together(one: Arm, other: Arm) -> None:
-    """Check that two arms can be on one body.
-
-    Raises:
-        FittingError: they cannot; the message names both.
-    """
-    both = f"{other.name} and {one.name}"
+def _contradiction(one: Arm, other: Arm) -> str | None:
+    """Return why two arms cannot be on one body, naming both; None where they can."""
+    both = f"{other.name} and {one.name} are arms of one body"
     for name in sorted(one.held.keys() & other.held.keys()):
         if one.held[name] != other.held[name]:
-            raise FittingError(
-                f"{both} are arms of one body, and joint {name!r} of it is held at {other.held[name]:g} by"
-                f" {other.name} and at {one.held[name]:g} by {one.name}: hold it at one value",
-                key="joints",
+            return (
+                f"{both}, and joint {name!r} of it is held at {other.held[name]:g} by {other.name} and at"
+                f" {one.held[name]:g} by {one.name}: hold it at one value"
             )
-    carrying = one.way & other.way & (one.moved | other.moved)
-    if carrying:
-        joint = sorted(carrying)[0]
-        raise FittingError(
-            f"{both} are arms of one body, and joint {joint!r} carries both: no robot can move the base of another"
-            f" one. Hold it in both, with 'joints: {{{joint}: 0}}'",
-            key="joints",
+    for name in sorted(one.way & other.way & (one.moved | other.moved)):
+        return (
+            f"{both}, and joint {name!r} carries both: no robot can move the base of another one; hold it in both,"
+            f" with 'joints: {{{name}: 0}}'"
         )
+    return None
 
 
 def _file_of(robot: RobotSection, folder: Path) -> Path | None:
@@ -185,4 +194,9 @@ def _read_arm(
         return None
     way = whole.moving.keys() & whole.joints_to(end)
     above = {link: whole.joints_to(link) for link in (whole.root, *whole.parents)}
-    return Arm(name, dict(held), way, way & tree.moving.keys(), above)
+    plain = {
+        str(link.get("name"))
+        for link in root.findall("link[collision]")
+        if link.find("visual") is None
+    }
+    return Arm(name, dict(held), way, way & tree.moving.keys(), above, plain)

@@ -63,7 +63,9 @@ def _shared_links(
 ) -> Iterator[Fixture]:
     """Yield the links that a robot shares with others, one fixture each."""
     fitting = robot_fitting(section, cell, folder)
-    whole = robot_model(section.model, folder, replace(fitting, emptied=frozenset()))
+    whole = robot_model(
+        section.model, folder, replace(fitting, emptied=frozenset(), looks=False)
+    )
     hulls: dict[str, list[ConvexBody]] = {}
     for part in whole.parts:
         if part.joint < 0:

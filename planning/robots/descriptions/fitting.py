@@ -83,6 +83,7 @@ class Fitting:
         limits: joint limits that replace those of the description.
         removed: links of other robots in the same description, which are removed with all that hangs on them.
         emptied: links that the robot shares with those, whose shapes are fixtures of the cell.
+        looks: whether these links are still drawn.
     """
 
     tool: Tool | None = None
@@ -92,6 +93,7 @@ class Fitting:
     limits: GivenLimits = field(default_factory=GivenLimits)
     removed: frozenset[str] = frozenset()
     emptied: frozenset[str] = frozenset()
+    looks: bool = False
 
     @property
     def is_nothing(self) -> bool:

@@ -182,7 +182,7 @@ def fitted_description(
     known = written_options(root) or options
     checked_tree(root, path, dirs, free_kinds(root))
     _take_off(root, fitting.removed, "", path)
-    _empty(root, fitting.emptied)
+    _empty(root, fitting.emptied, looks=fitting.looks)
     with _located_errors("joints", bool(fitting.held)):
         hold_joints(root, path, {**known.frozen, **fitting.held})
     if fitting.flange is not None:
@@ -220,11 +220,12 @@ def fitted_description(
     return root
 
 
-def _empty(root: Element, links: Collection[str]) -> None:
-    """Remove the shapes of some links."""
+def _empty(root: Element, links: Collection[str], *, looks: bool) -> None:
+    """Remove the shapes of some links, and unless they are drawn, their visual shapes."""
     for link in root.findall("link"):
         if link.get("name") in links:
-            for shape in (*link.findall("collision"), *link.findall("visual")):
+            drawn = () if looks else link.findall("visual")
+            for shape in (*link.findall("collision"), *drawn):
                 link.remove(shape)
 
 

@@ -151,8 +151,9 @@ class LinkTree:
     @property
     def branches(self) -> bool:
         """Whether no link hangs on all joints that move."""
-        most = max(len(self.moving.keys() & self.joints_to(k)) for k in self.parents)
-        return most < len(self.moving)
+        moving = self.moving.keys()
+        most = max((len(moving & self.joints_to(k)) for k in self.parents), default=0)
+        return most < len(moving)
 
 
 @dataclass(frozen=True)
