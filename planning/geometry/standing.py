@@ -292,10 +292,9 @@ def box_limits(
         for k in of_robot if boxes.strays else ():
             limits[:, k] += boxes.strays.get(int(boxes.rows[k]), 0.0)
     limits[own.hulls.joint < 0, : boxes.fixtures] = SKIP
-    for name, pairs in own.bolted.items():
-        columns = boxes.columns[name]
-        for body, piece in pairs:
-            limits[body, columns[piece]] = SKIP
+    for name in own.bolted.keys() & boxes.columns.keys():
+        for body, piece in own.bolted[name]:
+            limits[body, boxes.columns[name][piece]] = SKIP
     mark_allowed_contacts(limits, own.of_entity, boxes.columns, allowed)
     return limits
 
