@@ -356,6 +356,8 @@ class Disturbances(Section):
         emergency_stops: at given times.
         planned_stops: at given times, once or repeated.
         calendar: weekly shifts.
+        repair_people: number of people who repair robots and machines that break down by the clock of the run;
+            as many as needed when not given.
         machines: breakdowns and stalls of machines, by name.
         base_error: how far the base of every robot may be off, drawn anew for each replication whose
             motion is audited; default: what the cell says of each.
@@ -371,9 +373,25 @@ class Disturbances(Section):
     emergency_stops: tuple[EmergencyStop, ...] = ()
     planned_stops: tuple[PlannedStop, ...] = ()
     calendar: Calendar | None = None
+    repair_people: Annotated[int, Field(ge=1, le=1000)] | None = None
     machines: dict[Name, MachineDisturbances] = Field(default_factory=dict)
     base_error: PoseErrorSection | None = None
     deviation: dict[Skill, PoseErrorSection] | None = None
+
+    @model_validator(mode="after")
+    def _shared_by_the_clock(self) -> Disturbances:
+        if self.repair_people is None:
+            return self
+        named: dict[str, MachineBreakdowns | None] = {"breakdowns": self.breakdowns}
+        named |= {
+            f"machines.{k}.breakdowns": m.breakdowns for k, m in self.machines.items()
+        }
+        for key, own in named.items():
+            if own is not None and own.clock == "busy":
+                raise ValueError(
+                    f"repair_people are shared by what breaks down by the clock: set {key}.clock: run"
+                )
+        return self
 
     @property
     def at_absolute_times(self) -> bool:
@@ -449,6 +467,7 @@ class Disturbances(Section):
             emergency_stops=self.emergency_stops,
             planned_stops=self.planned_stops,
             calendar=self.calendar,
+            repair_people=self.repair_people,
             base_error=self.base_error,
             deviation=self.deviation,
         ).changed(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import islice
 from typing import Protocol
 
 import numpy as np
@@ -21,8 +21,10 @@ from twin.durations.nanoseconds import (
     require_within_longest_run,
     to_nanoseconds,
 )
-from twin.uncertainty.disturbances import Breakdowns, Disturbances
-from twin.uncertainty.draws import uniforms
+from twin.uncertainty.breakdown_draws import breakdown_times
+from twin.uncertainty.disturbances import Disturbances, MachineBreakdowns
+from twin.uncertainty.repair_crew import CrewSource, RepairCrew
+from twin.uncertainty.stop import Stop
 from twin.uncertainty.working_hours import WEEK_S
 
 NEVER = 2**62
@@ -30,20 +32,6 @@ NEVER = 2**62
 
 _CHUNK = 16
 """Breakdowns drawn, and periods computed, together."""
-
-
-@dataclass(frozen=True)
-class Stop:
-    """An interval in which a robot stands, whatever its task.
-
-    Attributes:
-        start_ns, end_ns: interval [ns]; at its end the robot continues.
-        reason: reason, for people.
-    """
-
-    start_ns: int
-    end_ns: int
-    reason: str
 
 
 class StoppedClock:
@@ -81,7 +69,10 @@ class StopSource(Protocol):
         horizon: time before which all of its stops are known [ns].
     """
 
-    horizon: int
+    @property
+    def horizon(self) -> int:
+        """See the class."""
+        ...
 
     def more(self) -> list[Stop]:
         """Return further stops; the horizon moves on."""
@@ -96,28 +87,20 @@ class BreakdownSource:
         name: seed, replication and robot, which name the draws.
     """
 
-    def __init__(self, breakdowns: Breakdowns, name: tuple[int, int, str]) -> None:
+    def __init__(
+        self, breakdowns: MachineBreakdowns, name: tuple[int, int, str]
+    ) -> None:
         self.horizon = 0
-        self._breakdowns, self._name = breakdowns, name
-        self._drawn = 0
+        self._draws = breakdown_times(breakdowns, name)
 
     def more(self) -> list[Stop]:
         """Return the next breakdowns."""
-        seed, replication, robot = self._name
-        names = (seed, [replication], [robot] * _CHUNK, -1, [""] * _CHUNK)
-        index = np.arange(self._drawn, self._drawn + _CHUNK)
-        gap = uniforms(*names, "breakdown-gap", index)[:, 0]
-        repair = uniforms(*names, "breakdown-duration", index)[:, 0]
-        # 1 - u: exponential times are -log(u) then.
-        up = to_nanoseconds(self._breakdowns.between.ppf(1.0 - gap)).tolist()
-        down = to_nanoseconds(self._breakdowns.repair.ppf(1.0 - repair)).tolist()
         found = []
-        for works, stands in zip(up, down, strict=True):
+        for works, stands in islice(self._draws, _CHUNK):
             start = self.horizon + works
             self.horizon = start + stands
             reason = f"breakdown, repaired after {stands / NANOSECONDS:.3f} s"
             found.append(Stop(start, self.horizon, reason))
-        self._drawn += _CHUNK
         return found
 
 
@@ -296,11 +279,21 @@ def draw_stops(
         return None
     found = []
     machines = tpg.machine_chains()
-    for k, chain in enumerate(tpg.chains):
+    by_chain = [
+        disturbances.of_machine(chain.robot) if k in machines else disturbances
+        for k, chain in enumerate(tpg.chains)
+    ]
+    breaking = {
+        chain.robot: own.breakdowns
+        for chain, own in zip(tpg.chains, by_chain, strict=True)
+        if own.breakdowns and own.breakdowns.affects(chain.robot, "run")
+    }
+    crew = None
+    if breaking and disturbances.repair_people is not None:
+        people = disturbances.repair_people
+        crew = RepairCrew(people, breaking, seed, replication)
+    for chain, own in zip(tpg.chains, by_chain, strict=True):
         fixed = []
-        own = disturbances
-        if k in machines:
-            own = disturbances.of_machine(chain.robot)
         for stop in own.emergency_stops:
             if stop.robot in (None, chain.robot):
                 start, length = to_nanoseconds([stop.at_s, stop.duration_s]).tolist()
@@ -308,9 +301,11 @@ def draw_stops(
                 fixed.append(Stop(start, start + length, reason))
         name = chain.robot
         sources: list[StopSource] = []
-        breaks = own.breakdowns
-        if breaks and breaks.affects(name, "run"):
-            sources.append(BreakdownSource(breaks, (seed, replication, name)))
+        if name in breaking and crew is not None:
+            sources.append(CrewSource(crew, name))
+        elif name in breaking:
+            draws = seed, replication, name
+            sources.append(BreakdownSource(breaking[name], draws))
         for planned in disturbances.planned_stops:
             if planned.affects(name):
                 reason = f"planned stop for {planned.duration_s:.3f} s"

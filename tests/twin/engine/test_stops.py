@@ -30,7 +30,8 @@ from twin.uncertainty.disturbances import (
     Speed,
     Stalls,
 )
-from twin.uncertainty.stop_times import BreakdownSource, Stop, StoppedClock, Stops
+from twin.uncertainty.stop import Stop
+from twin.uncertainty.stop_times import BreakdownSource, StoppedClock, Stops
 
 
 def stops_at(*intervals: tuple[int, int]) -> Stops:

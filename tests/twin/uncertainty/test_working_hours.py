@@ -1,5 +1,7 @@
 """Calendars, planned stops, and breakdowns with any distribution."""
 
+from math import factorial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,11 +10,12 @@ from hypothesis import strategies as st
 from tests.twin.twin_toys import two_robot_tpg
 from twin.durations.bounded import Fixed, Uniform
 from twin.uncertainty.disturbances import Breakdowns, Disturbances
+from twin.uncertainty.repair_crew import CrewSource, RepairCrew
+from twin.uncertainty.stop import Stop
 from twin.uncertainty.stop_times import (
     NEVER,
     BreakdownSource,
     PeriodicSource,
-    Stop,
     Stops,
     StopSource,
     draw_stops,
@@ -130,3 +133,29 @@ def test_planned_stops_and_shifts_are_those_of_each_robot() -> None:
     assert other == ((100 * NS, 101 * NS), (150 * NS, 151 * NS)), second
     assert one == ((10 * NS, 15 * NS), *other)
     assert stops[0].after(700 * NS) == int(WEEK_S) * NS
+
+
+def test_a_crew_that_is_large_enough_changes_nothing() -> None:
+    breaks = Breakdowns(mtbf_s=20, mttr_s=8, clock="run")
+    names = ("left", "right", "mill")
+    crew = RepairCrew(3, dict.fromkeys(names, breaks), 2, 5)
+    for name in names:
+        alone = Stops([], [BreakdownSource(breaks, (2, 5, name))])
+        shared = Stops([], [CrewSource(crew, name)])
+        assert shared.intervals(5000 * NS) == alone.intervals(5000 * NS)
+
+
+def test_machine_interference_agrees_with_its_formula() -> None:
+    """Machine repair model M/M/1//3: the mean number of machines that are down."""
+    breaks = Breakdowns(mtbf_s=30, mttr_s=20, clock="run")
+    names = ("one", "two", "three")
+    crew = RepairCrew(1, dict.fromkeys(names, breaks), 7, 0)
+    until = 300_000 * NS
+    down = [
+        Stops([], [CrewSource(crew, name)]).stopped_between(0, until) / until
+        for name in names
+    ]
+    ratio = 20.0 / 30.0
+    weights = [ratio**k * factorial(3) / factorial(3 - k) for k in range(4)]
+    expected = sum(k * w for k, w in enumerate(weights)) / sum(weights)
+    assert sum(down) == pytest.approx(expected, rel=0.02)
