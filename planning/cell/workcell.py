@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
@@ -72,13 +70,6 @@ class PlacedRobot:
     limits: MotionLimits | None = None
     base_error: PoseError = NO_ERROR
     mounted_on: tuple[Fixture, ...] = ()
-
-    @property
-    def foot(self) -> Transform:
-        """Pose of its base in the world; of its first joint, where others have the same base."""
-        if not self.mounted_on:
-            return self.base
-        return np.asarray(self.base @ self.model.chain.placement[0])
 
 
 @dataclass(frozen=True, eq=False)

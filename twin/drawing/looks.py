@@ -6,12 +6,14 @@ Each robot has one colour. Fixtures have the colour of their description, or gre
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Set
+from collections.abc import Iterable, Iterator
 from xml.etree import ElementTree
 
+import numpy as np
+
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
-from planning.robots.descriptions.urdf_geometry import joint_link
 from planning.robots.descriptions.xml_files import find_mesh
+from planning.transforms import Array
 
 _PAINTED = 0.6
 """Least colour saturation of the robot parts that are repainted in the robot's colour."""
@@ -27,11 +29,7 @@ _GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
 
 
 def paint_robot(
-    urdf: ElementTree.Element,
-    colour: tuple[int, int, int],
-    *,
-    linear: bool = False,
-    shared: Set[str] = frozenset(),
+    urdf: ElementTree.Element, colour: tuple[int, int, int], *, linear: bool = False
 ) -> None:
     """Paint a robot: coloured parts are recoloured, white meshes tinted.
 
@@ -41,7 +39,6 @@ def paint_robot(
         urdf: root of the description, changed in place.
         colour: red, green and blue, 0 to 255.
         linear: write linear intensities, as some viewers expect.
-        shared: links that stay as they are.
     """
 
     def rgba(channels: Iterable[float]) -> str:
@@ -55,8 +52,7 @@ def paint_robot(
     }
     full = rgba(c / 255.0 for c in colour)
     tint = rgba(1.0 - _TINT * (1.0 - c / 255.0) for c in colour)
-    links = (link for link in urdf.iter("link") if link.get("name") not in shared)
-    for visual in (shape for link in links for shape in link.findall("visual")):
+    for visual in urdf.iter("visual"):
         material = visual.find("material")
         own = None if material is None else _channels(material)
         if own is None and material is not None:
@@ -98,24 +94,27 @@ def _saturation(channels: tuple[float, ...]) -> float:
     return (bright - min(channels)) / bright if bright > 0.2 else 0.0
 
 
+def foot_position(robot: PlacedRobot) -> Array:
+    """Return the origin of a robot's base; of its first joint where others have that base, shape (3,) [m]."""
+    foot = robot.base
+    if robot.mounted_on:
+        foot = foot @ robot.model.chain.placement[0]
+    return np.asarray(foot[:3, 3])
+
+
 def coloured_fixtures(
     cell: Workcell,
 ) -> Iterator[tuple[Fixture, tuple[int, int, int]]]:
     """Yield the fixtures of a cell with their colours, 0 to 255: their own, or greys.
 
-    Links of robots are left out that the description of one of these draws.
+    Links of robots are drawn with the first of these.
     """
     ground, *others = _GREYS
-    drawn = {
-        fixture
-        for robot in cell.robots
-        if robot.mounted_on and _has_looks(robot)
-        for fixture in robot.mounted_on
-    }
+    links = {item for robot in cell.robots for item in robot.mounted_on}
     for k, fixture in enumerate(cell.fixtures):
         # The first one, mostly the table, differs from all that stand on it.
         grey = ground if k == 0 else others[(k - 1) % len(others)]
-        if fixture in drawn:
+        if fixture in links:
             continue
         yield fixture, fixture.colour or grey
 
@@ -136,34 +135,8 @@ def painted_description(
         if found is not None:
             mesh.set("filename", str(found.resolve()))
     _show_hidden(robot, tree.getroot())
-    shared = _shared_links(robot, tree.getroot())
-    paint_robot(tree.getroot(), colour, linear=linear, shared=shared)
+    paint_robot(tree.getroot(), colour, linear=linear)
     return tree
-
-
-def _shared_links(robot: PlacedRobot, root: ElementTree.Element) -> set[str]:
-    """Return the links of a description before the first joint, where other robots have them, too."""
-    if not robot.mounted_on:
-        return set()
-    joints = root.findall("joint")
-    above = {joint_link(j, "child"): (joint_link(j, "parent"), j) for j in joints}
-    shared = set()
-    for link in root.findall("link"):
-        name = at = str(link.get("name"))
-        moved = False
-        while at in above and not moved:
-            at, joint = above[at]
-            moved = joint.get("name") in robot.model.joint_names
-        if not moved:
-            shared.add(name)
-    return shared
-
-
-def _has_looks(robot: PlacedRobot) -> bool:
-    """Tell whether the description of a robot draws the links that it shares."""
-    root = ElementTree.parse(robot.model.urdf).getroot()
-    shared = _shared_links(robot, root)
-    return any(link.get("name") in shared for link in root.findall("link[visual]"))
 
 
 def _show_hidden(robot: PlacedRobot, root: ElementTree.Element) -> None:

@@ -38,24 +38,16 @@ def mount_on_shared_bodies(
         taken: names that no fixture may have.
     """
     mounted: dict[str, tuple[Fixture, ...]] = {}
-    fixtures: list[Fixture] = []
+    fixtures: tuple[Fixture, ...] = ()
     for section in cell.robots:
         _, others = arms_beside(section, cell, folder)
-        if not others or section.name in mounted:
-            continue
-        names = {*taken, *(item.name for item in fixtures)}
-        shared = tuple(_shared_links(section, cell, folder, names))
-        mounted |= dict.fromkeys((section.name, *(k.name for k in others)), shared)
-        fixtures += shared
-    return (
-        tuple(
-            replace(robot, mounted_on=mounted[robot.name])
-            if robot.name in mounted
-            else robot
-            for robot in robots
-        ),
-        tuple(fixtures),
-    )
+        if others and section.name not in mounted:
+            names = {*taken, *(item.name for item in fixtures)}
+            shared = tuple(_shared_links(section, cell, folder, names))
+            mounted |= dict.fromkeys([section.name, *(k.name for k in others)], shared)
+            fixtures += shared
+    found = (replace(robot, mounted_on=mounted.get(robot.name, ())) for robot in robots)
+    return tuple(found), fixtures
 
 
 def _shared_links(
@@ -82,8 +74,5 @@ def _shared_links(
 def _free_name(wanted: str, taken: Collection[str]) -> str:
     """Return a name in the form of names in scenarios that nothing else has."""
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", wanted).lstrip(".-")[:_LONGEST] or "body"
-    return next(
-        own
-        for own in (name, *(f"{name}_{k}" for k in range(2, len(taken) + 3)))
-        if own not in taken
-    )
+    others = (f"{name}_{k}" for k in range(2, len(taken) + 3))
+    return next(own for own in (name, *others) if own not in taken)

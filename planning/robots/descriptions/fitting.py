@@ -83,7 +83,7 @@ class Fitting:
         limits: joint limits that replace those of the description.
         removed: links of other robots in the same description, which are removed with all that hangs on them.
         emptied: links that the robot shares with those, whose shapes are fixtures of the cell.
-        looks: whether these links are still drawn.
+        looks: whether these links are drawn with the robot.
     """
 
     tool: Tool | None = None
@@ -241,17 +241,7 @@ def hold_all_joints(
     values: Mapping[str, float],
     moving: Collection[str] = (),
 ) -> None:
-    """Fix all joints but some: those without a value at zero, or at the nearest limit.
-
-    Args:
-        root: root element of a URDF, which is changed.
-        path: its file, for messages.
-        values: values by joint name [rad or m].
-        moving: names of the joints that stay as they are.
-
-    Raises:
-        RobotModelError: as for ``hold_joints``, or a joint mimics one that is not there, or that moves.
-    """
+    """Fix all joints but those that move: those without a value at zero, or at the nearest limit."""
     held = dict(values)
     for joint in root.findall("joint"):
         name = str(joint.get("name"))

@@ -186,7 +186,7 @@ def fitted_description(
     with _located_errors("joints", bool(fitting.held)):
         hold_joints(root, path, {**known.frozen, **fitting.held})
     if fitting.flange is not None:
-        _hold_branches(root, path, fitting.flange)
+        _hold_branches(root, path, dirs, fitting.flange)
     with _located_errors("limits", fitting.limits != GivenLimits()):
         _write_limits(root, path, known, fitting.limits)
     _complete_limits(root)
@@ -221,31 +221,33 @@ def fitted_description(
 
 
 def _empty(root: Element, links: Collection[str], *, looks: bool) -> None:
-    """Remove the shapes of some links, and unless they are drawn, their visual shapes."""
-    for link in root.findall("link"):
-        if link.get("name") in links:
-            drawn = () if looks else link.findall("visual")
-            for shape in (*link.findall("collision"), *drawn):
+    """Remove the shapes of some links; what shows is kept for looks."""
+    for link in (own for own in root.findall("link") if own.get("name") in links):
+        visuals = link.findall("visual")
+        for shape in link.findall("collision"):
+            if looks and not visuals:
+                shape.tag = "visual"
+            else:
                 link.remove(shape)
+        for shape in () if looks else visuals:
+            link.remove(shape)
 
 
-def _hold_branches(root: Element, path: Path, flange: str) -> None:
+def _hold_branches(
+    root: Element, path: Path, dirs: Sequence[Path], flange: str
+) -> None:
     """Fix the joints that do not lead to the flange.
 
     Raises:
         FittingError: nothing moves such a link, or a joint beside the chain follows one of it.
     """
-    tree = checked_tree(root, path, search_folders(path), free_kinds(root))
+    tree = checked_tree(root, path, dirs, free_kinds(root))
     moved = [k for k in tree.parents if tree.moving.keys() & tree.joints_to(k)]
-    if flange in moved:
-        with _located_errors("joints", True):
-            hold_all_joints(root, path, {}, tree.joints_to(flange))
-    elif tree.branches:
-        raise FittingError(
-            f"{path}: {flange!r} is no link that a joint moves",
-            key="flange",
-            choices=tuple(moved),
-        )
+    if flange not in moved:
+        words = f"{path}: {flange!r} is no link that a joint moves"
+        raise FittingError(words, key="flange", choices=tuple(moved))
+    with _located_errors("joints", True):
+        hold_all_joints(root, path, {}, tree.joints_to(flange))
 
 
 @contextmanager

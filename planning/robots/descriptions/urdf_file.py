@@ -148,13 +148,6 @@ class LinkTree:
             out.append(joint)
         return tuple(out)
 
-    @property
-    def branches(self) -> bool:
-        """Whether no link hangs on all joints that move."""
-        moving = self.moving.keys()
-        most = max((len(moving & self.joints_to(k)) for k in self.parents), default=0)
-        return most < len(moving)
-
 
 @dataclass(frozen=True)
 class UrdfFile(LinkTree):
@@ -322,33 +315,17 @@ def _chain_order(
     while len(order) < len(above):
         following = [joint for joint, upper in above.items() if upper == last]
         if len(following) > 1:
-            ends = _ends(parents, following)
+            bearing = {parent for parent, _ in parents.values()}
             raise RobotModelError(
                 f"{path}: the chain branches at joints "
                 + " and ".join(repr(joint) for joint in following[:2])
-                + "; name the 'flange' of the arm, such as "
-                + " or ".join(repr(link) for link in ends[:2])
-                + ", and all that does not lead there stands still; or hold what is not of the arm,"
-                " such as fingers, with 'joints'"
+                + "; hold what is not of the arm, such as fingers, with 'joints', or name its 'flange',"
+                " and all that does not lead there stands still",
+                choices=tuple(link for link in parents if link not in bearing),
             )
         last = following[0]
         order.append(last)
     return order
-
-
-def _ends(
-    parents: Mapping[str, tuple[str, str]], joints: Sequence[str]
-) -> tuple[str, ...]:
-    """Return for each of some joints a link at the end of what hangs on it, a flange where one is named so."""
-    found: dict[str, str] = {}
-    bearing = {parent for parent, _ in parents.values()}
-    for end in (link for link in parents if link not in bearing):
-        link = end
-        while link in parents:
-            link, joint = parents[link]
-            if joint in joints and not _is_flange(found.get(joint, "")):
-                found[joint] = end
-    return tuple(found[joint] for joint in joints)
 
 
 def _joint(element: Element, name: str, path: Path) -> UrdfJoint:

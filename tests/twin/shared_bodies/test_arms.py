@@ -66,7 +66,7 @@ def test_contradictions_are_said_once_with_both_names(
         ("pedestal", "'pedestal' is no link that a joint moves"),
         (
             None,
-            "the chain branches at joints .*'flange' of the arm, such as .*left_tool0",
+            "the chain branches at joints .*name its 'flange'.*head, left_tool0",
         ),
     ],
 )
