@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import BaseModel
 
+from planning.errors import FittingError
 from twin.checks.finding import CheckContext, Finding, Findings
 from twin.checks.usual_range import UsualRange, usual_duration
 from twin.document.section import iterate_nested
@@ -206,7 +207,10 @@ def check_physics(subject: CheckContext) -> Findings:
         if robot.limits.velocity is None:
             continue
         bare = robot.changed(limits=LimitsSection())
-        described = fitted_model(bare, cell, subject.folder).velocity
+        try:
+            described = fitted_model(bare, cell, subject.folder).velocity
+        except FittingError:  # the description has no speeds
+            continue
         model = subject.built.robot(robot.name).model
         ratio = model.velocity / np.maximum(described, 1e-9)
         k = int(np.argmax(ratio))
