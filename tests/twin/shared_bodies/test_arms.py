@@ -151,3 +151,26 @@ def test_the_same_file_and_base_are_recognised(
 TABLE = """  fixtures:
     - {name: body.chest, size_m: [0.1, 0.1, 0.1], pose: {xyz_m: [2, 0, 0]}}
 """
+
+MJCF = """<mujoco><worldbody><body name="chest"><geom type="box" size="0.1 0.1 0.3"/>
+  <body name="up{0}" pos="0 0.2 0.2"><joint name="{0}" axis="0 1 0" range="-2 2"/>
+    <geom type="box" size="0.03 0.03 0.1"/><body name="hand{0}" pos="0 0 0.2"/></body>
+  <body name="up{1}" pos="0 -0.2 0.2"><joint name="{1}" axis="0 1 0" range="-2 2"/>
+    <geom type="box" size="0.03 0.03 0.1"/><body name="hand{1}" pos="0 0 0.2"/></body>
+</body></worldbody></mujoco>"""
+
+
+def test_arms_of_an_mjcf_file_take_their_speeds_from_the_cell(tmp_path: Path) -> None:
+    """It has none; the world and the chest are of both."""
+    speed = ", limits: {velocity: 2}"
+    file = written_cell(tmp_path, left=speed, right=speed)
+    (tmp_path / "body.xml").write_text(MJCF.format("left", "right"))
+    text = file.read_text().replace("body.urdf", "body.xml")
+    for arm in ("left", "right"):
+        text = text.replace(f"{arm}_tool0", f"hand{arm}")
+    text = text.replace("[0.2, 0.5, -0.5]", "[0.2]").replace("[-0.2, -0.5, 0.5]", "[0]")
+    file.write_text(text)
+    assert checked(file).errors == ()
+    cell = built_cell(file)
+    assert [f.name for f in cell.fixtures] == ["body.chest"]
+    assert [r.model.joint_names for r in cell.robots] == [("left",), ("right",)]
