@@ -57,9 +57,14 @@ def legal_offsets(brick: BrickType, side: int) -> range:
 def legal_presses(brick: BrickType) -> tuple[Press, ...]:
     """Return all legal grips of a brick, at most 4 sides x 7 offsets, those on two studs first.
 
-    Grips on one stud are listed only if no side of the brick has two studs.
+    Grips on one stud are listed only if no side of the brick has two studs. Along a side of more than
+    eight studs the tool takes the first eight.
     """
-    every = [(side, off) for side in SIDES for off in legal_offsets(brick, side)]
+    every = [
+        (side, off)
+        for side in SIDES
+        for off in legal_offsets(brick, side)[:MOST_OFFSETS]
+    ]
     wide = [(s, o) for s, o in every if side_studs(brick, s) >= 2]
     return tuple(Press(side, off) for side, off in (wide or every))
 
