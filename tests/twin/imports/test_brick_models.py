@@ -350,6 +350,77 @@ def test_bricks_are_placed_beside_a_box(tmp_path: Path) -> None:
     assert summary["audit"]["ok"]
 
 
+SLOPES = f"""0 FILE roof.ldr
+1 4 0 0 0 {UPRIGHT} 3001.dat
+1 4 0 0 80 {UPRIGHT} 3001.dat
+1 4 0 -24 10 {UPRIGHT} slope.dat
+1 4 0 -24 70 -1 0 0 0 1 0 0 0 -1 slope.dat
+1 4 0 -48 40 0 0 1 0 1 0 -1 0 0 3001.dat
+0 FILE slope.dat
+0 !LDRAW_ORG Unofficial_Part
+4 16 -40 0 10 40 0 10 40 24 10 -40 24 10
+4 16 -40 20 -30 40 20 -30 40 24 -30 -40 24 -30
+4 16 -40 0 10 -40 0 -10 -40 20 -30 -40 24 -30
+3 16 -40 0 10 -40 24 10 -40 24 -30
+4 16 40 0 10 40 0 -10 40 20 -30 40 24 -30
+3 16 40 0 10 40 24 10 40 24 -30
+1 16 -30 0 0 {UPRIGHT} stud.dat
+1 16 -10 0 0 {UPRIGHT} stud.dat
+1 16 10 0 0 {UPRIGHT} stud.dat
+1 16 30 0 0 {UPRIGHT} stud.dat
+"""
+"""Two slopes with a row of knobs each, a stud between their backs, and a brick on some of these knobs."""
+
+
+def test_slopes_become_types_with_bare_studs(tmp_path: Path) -> None:
+    result, out = imported(tmp_path, SLOPES)
+    assert result.exit_code == 0, result.output
+    types = lego(out).bricks
+    assert {k: v.studs for k, v in types.items()} == {
+        "2x4-knobs-f": (2, 4),
+        "2x4-knobs-f0": (2, 4),
+    }
+    rows = {tuple(x for x, _ in v.bare) for v in types.values()}
+    assert rows == {(0, 0, 0, 0), (1, 1, 1, 1)}
+    invoke("sequence", out, code=0)
+    result = invoke("export", out, "--format", "ldraw", "-o", tmp_path / "a.ldr")
+    assert result.exit_code == 2
+    assert "no part that is known here for 2x4-knobs-f" in result.output
+    # A step may not hold a slope where it has no knobs, and a type needs a grip.
+    content = yaml.safe_load(out.read_text())
+    slope = next(
+        b for b in content["assembly"]["structure"]["bricks"] if "f0" in b["brick"]
+    )
+    floor = {"brick": "2x4", "at": [*slope["at"][:2], 1], "turned": True}
+    press = {"side": 4, "offset": 0}
+    del content["assembly"]["structure"], slope["colour"]
+    content["assembly"]["steps"] = [floor, {**slope, "press": press}]
+    out.write_text(yaml.safe_dump(content))
+    refused = invoke("validate", out)
+    assert refused.exit_code == 2
+    assert "a 2x4-knobs-f0 has no knobs there" in refused.output
+    press["side"] = 1
+    out.write_text(yaml.safe_dump(content))
+    invoke("validate", out, code=0)
+    bare = content["assembly"]["bricks"]["2x4-knobs-f"]["bare"]
+    bare += [[1, 1], [1, 3]]
+    out.write_text(yaml.safe_dump(content))
+    assert "no two knobs at an edge" in invoke("validate", out).output
+    bare[-1] = [2, 3]
+    out.write_text(yaml.safe_dump(content))
+    assert "beyond 2 x 4" in invoke("validate", out).output
+
+
+@pytest.mark.nightly
+def test_slopes_are_held_by_their_knobs(tmp_path: Path) -> None:
+    _, out = imported(tmp_path, SLOPES)
+    run = tmp_path / "run"
+    invoke("run", out, "--out", run, "--no-recording", code=0)
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert summary["audit"]["ok"]
+
+
 GOOD = f"1 4 0 0 0 {UPRIGHT} 3001.dat\n"
 
 

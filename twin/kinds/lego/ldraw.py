@@ -180,7 +180,7 @@ def _scaffold(
 def _line(brick: ShownBrick) -> str:
     """Return the line of a part: its origin is in the middle of its top, its y points down."""
     kind = brick.kind
-    number = part_number(kind.studs, kind.height)
+    number = None if kind.bare else part_number(kind.studs, kind.height)
     if number is None:
         form = (
             f"{kind.studs[0]} x {kind.studs[1]} studs, {kind.height}/3 of a brick high"

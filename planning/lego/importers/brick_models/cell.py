@@ -331,6 +331,7 @@ def own_types(model: BrickModel) -> dict[str, Any]:
             "studs": list(kind.studs),
             "mass_kg": kind.mass,
             "height": kind.height,
+            **({"bare": sorted(map(list, kind.bare))} if kind.bare else {}),
         }
         for kind in sorted(kinds, key=lambda kind: kind.name)
         if kind.name not in BRICKS

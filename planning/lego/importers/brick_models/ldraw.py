@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from planning.errors import ScenarioError, format_names
-from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.assembly import Cell
 from planning.lego.importers.brick_models.ldraw_files import (
     INHERITED,
     Colour,
@@ -103,7 +103,7 @@ def read_ldraw(
     found = {part.name: shape(part.name) for part in parts}
     shapes = {k: own for k, own in found.items() if isinstance(own, PartShape)}
     reasons = {k: own for k, own in found.items() if isinstance(own, str)}
-    reasons |= {k: own.reason for k, own in shapes.items() if own.brick is None}
+    reasons |= {k: own.reason for k, own in shapes.items() if own.reason}
     frame = _frame([part for part in parts if part.name not in reasons])
     parts = [replace(part, pose=frame.T @ part.pose) for part in parts]
     unfit = [
@@ -126,7 +126,7 @@ def read_ldraw(
     if unknown == "refuse":
         _check(path, off, f"{fits} of {len(placed)} parts are on one grid of studs")
     bricks = [
-        _brick(part, shapes[part.name].brick, (box - origin) / _UNIT, document.colours)
+        _brick(part, shapes[part.name], (box - origin) / _UNIT, document.colours)
         for part, box, distance in zip(placed, boxes, away, strict=True)
         if not _distance(part, distance)
     ]
@@ -302,12 +302,11 @@ def _box(part: Reference, shape: PartShape) -> Array:
 
 
 def _brick(
-    part: Reference, kind: BrickType | None, box: Array, colours: Mapping[int, Colour]
+    part: Reference, shape: PartShape, box: Array, colours: Mapping[int, Colour]
 ) -> ModelBrick:
-    """Return a part as a brick of a type, given its box in studs and levels."""
-    assert kind is not None
-    low, high = np.round(box).astype(int).tolist()
-    turned = (high[0] - low[0], high[1] - low[1]) != kind.studs
+    """Return a part as a brick, given its box in studs and levels."""
+    low = np.round(box[0]).astype(int).tolist()
+    kind, turned = shape.brick(part.pose)
     colour = None if part.colour in INHERITED else colour_of(part.colour, colours)
     cell = Cell.at_level(*low, turned=turned)
     return ModelBrick(kind, cell, part.source, colour)

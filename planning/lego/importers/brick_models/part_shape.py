@@ -1,21 +1,28 @@
 """Shape of an LDraw part: its body as a box, and the brick type that it is, if it is one.
 
-A part is a brick where a tool can hold it as one: a box of whole studs and levels with a knob above every stud, and
-sides that reach from its top to its bottom beside every stud. All lengths are LDraw units, y points down.
+A part is a brick where a tool can hold it as one: a box of whole studs and levels with knobs on the grid, two of them
+side by side at an edge, or one at the end of a row. Beside the knobs its sides reach up to its top, and beside every
+stud down to its bottom. All lengths are LDraw units, y points down.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from planning.lego.bricks.assembly import BrickType
+from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.bricks.brick_types import brick_of_size
 from planning.transforms import Array
 
 STUD, LEVEL = 20, 8
 """Distance of studs, and height of a plate; a brick is three times as high [LDraw units]."""
+
+UNIT = np.array([STUD, LEVEL, STUD], dtype=np.float64)
+"""Size of a place of the grid along x, y and z [LDraw units]."""
 
 _OFF = 0.5
 """How far a measure may be from a whole number of studs or levels, a fifth of a millimetre [LDraw units]."""
@@ -49,13 +56,13 @@ class PartShape:
 
     Attributes:
         low, high: corners of the body, without the knobs on top, shape (3,).
-        brick: its type, None where it is none.
-        reason: why it is none.
+        bare: middles of the studs without a knob, shape (n, 3).
+        reason: why it is no brick; nothing where it is one.
     """
 
     low: Array
     high: Array
-    brick: BrickType | None = None
+    bare: Array
     reason: str = ""
 
     def placed(self, pose: Array) -> tuple[Array, Array]:
@@ -65,12 +72,27 @@ class PartShape:
         reach = np.abs(pose[:3, :3]) @ half
         return centre - reach, centre + reach
 
+    def brick(self, pose: Array) -> tuple[BrickType, bool]:
+        """Return the brick type that it is at an upright pose, and whether that is turned.
+
+        The x and z axes of LDraw are the x and y axes of the grid.
+        """
+        low, high = self.placed(pose)
+        nx, levels, ny = np.round((high - low) / UNIT).astype(int).tolist()
+        bare = (self.bare @ pose[:3, :3].T + pose[:3, 3] - low)[:, [0, 2]] // STUD
+        studs = {(i, j) for i, j in bare.astype(int).tolist()}
+        if nx <= ny:
+            return brick_of_size((nx, ny), levels, frozenset(studs)), False
+        # The own axes of a turned brick: its x is the grid's y, its y points against the grid's x.
+        own = frozenset((j, nx - 1 - i) for i, j in studs)
+        return brick_of_size((ny, nx), levels, own), True
+
 
 def brick_shape(brick: BrickType) -> PartShape:
     """Return the shape of a brick as LDraw draws it: along x, its origin in the middle of its top."""
     short, long = sorted(brick.studs)
-    high = np.array([long * STUD / 2, brick.height * LEVEL, short * STUD / 2])
-    return PartShape(high * [-1, 0, -1], high, brick)
+    high = np.array([long, brick.height, short]) * UNIT * [0.5, 1.0, 0.5]
+    return PartShape(high * [-1, 0, -1], high, np.zeros((0, 3)))
 
 
 def part_shape(geometry: PartGeometry) -> PartShape | None:
@@ -85,57 +107,57 @@ def part_shape(geometry: PartGeometry) -> PartShape | None:
     on_top = upright & (np.abs(tip[:, 1] - (top - _KNOB)) <= _OFF)
     corners = np.concatenate([corners, foot, tip[~on_top]])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    counts = (high - low) / [STUD, LEVEL, STUD]
-    nx, height, nz = (max(round(v), 1) for v in counts.tolist())
-    reason = ""
-    if np.abs(high - low - [nx * STUD, height * LEVEL, nz * STUD]).max() > _OFF:
-        reason = "its box is not of whole studs and thirds of a brick"
-    elif max(nx, nz) > _MOST_STUDS or height > _MOST_LEVELS:
-        reason = f"larger than {_MOST_STUDS} studs or {_MOST_LEVELS // 3} bricks"
-    elif not _has_all_knobs(foot[on_top], low, nx, nz):
-        reason = "it has not a knob above every stud for the tool to hold"
-    elif not all(
-        _is_side_closed(geometry.faces, low, high, axis, end, n)
-        for axis, n in ((0, nz), (2, nx))
-        for end in (low, high)
-    ):
-        reason = "its sides do not reach from top to bottom"
-    if reason:
-        return PartShape(low, high, None, reason)
-    studs = (nx, nz) if nx <= nz else (nz, nx)
-    return PartShape(low, high, brick_of_size(studs, height))
+    nx, height, nz = (max(round(v), 1) for v in ((high - low) / UNIT).tolist())
+    nothing = PartShape(low, high, np.zeros((0, 3)))
+    if np.abs(high - low - UNIT * [nx, height, nz]).max() > _OFF:
+        return replace(
+            nothing, reason="its box is not of whole studs and thirds of a brick"
+        )
+    if max(nx, nz) > _MOST_STUDS or height > _MOST_LEVELS:
+        return replace(
+            nothing,
+            reason=f"larger than {_MOST_STUDS} studs or {_MOST_LEVELS // 3} bricks",
+        )
+    at = (foot[on_top] - low)[:, [0, 2]] / STUD - 0.5
+    knobs = {(x, z) for x, z in np.round(at).astype(int).tolist()}
+    places = set(product(range(nx), range(nz)))
+    bare = [(x + 0.5, 0.0, z + 0.5) for x, z in sorted(places - knobs)]
+    shape = replace(nothing, bare=low + np.reshape(bare, (-1, 3)) * UNIT)
+    if np.abs(at - np.round(at)).max(initial=0.0) > _OFF / STUD or not knobs <= places:
+        return replace(shape, reason="its knobs are not on the grid of its studs")
+    if not legal_presses(shape.brick(np.eye(4))[0]):
+        return replace(shape, reason="it has no knobs at an edge for the tool to hold")
+    if not _are_sides_closed(geometry.faces, low, high, knobs):
+        return replace(
+            shape, reason="its sides do not reach from its knobs to its bottom"
+        )
+    return shape
 
 
-def _has_all_knobs(feet: Array, low: Array, nx: int, nz: int) -> bool:
-    """Tell whether the knobs on top are those of all studs."""
-    at = (feet - low)[:, [0, 2]] / STUD - 0.5
-    places = np.round(at)
-    if len(at) and np.abs(at - places).max() > _OFF / STUD:
-        return False
-    found = {(x, z) for x, z in places.astype(int).tolist()}
-    return found == {(x, z) for x in range(nx) for z in range(nz)}
-
-
-def _is_side_closed(
-    faces: Array, low: Array, high: Array, axis: int, end: Array, studs: int
+def _are_sides_closed(
+    faces: Array, low: Array, high: Array, knobs: Collection[tuple[int, int]]
 ) -> bool:
-    """Tell whether a side of the box has a face beside every stud, near its top and near its bottom.
+    """Tell whether the sides have a face beside every stud near the bottom, and beside knobs near the top.
 
     Args:
         faces: corners of triangles.
         low, high: corners of the box.
-        axis: to which the side is at right angles, 0 or 2.
-        end: the one of the corners that the side contains.
-        studs: their number along the side.
+        knobs: studs along x and z that have one.
     """
-    flat = (np.abs(faces[:, :, axis] - end[axis]) <= _OFF).all(axis=1)
-    along = 2 - axis
-    corners = faces[flat][:, :, [along, 1]]
-    for k in range(studs):
-        for y in (low[1] + _RIM, high[1] - _RIM):
-            point = np.array([low[along] + (k + 0.5) * STUD, y])
-            if not _is_covered(corners, point):
-                return False
+    counts = np.round((high - low) / UNIT).astype(int).tolist()
+    for axis, (end, row) in product((0, 2), ((low, 0), (high, -1))):
+        flat = (np.abs(faces[:, :, axis] - end[axis]) <= _OFF).all(axis=1)
+        along = 2 - axis
+        corners = faces[flat][:, :, [along, 1]]
+        for k in range(counts[along]):
+            across = row % counts[axis]
+            heights = [high[1] - _RIM]
+            if ((across, k) if axis == 0 else (k, across)) in knobs:
+                heights.append(low[1] + _RIM)
+            for y in heights:
+                point = np.array([low[along] + (k + 0.5) * STUD, y])
+                if not _is_covered(corners, point):
+                    return False
     return True
 
 

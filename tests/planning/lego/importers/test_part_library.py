@@ -10,14 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.bricks.assembly import Cell
-from planning.lego.bricks.brick_grips import legal_presses
+from planning.lego.bricks.assembly import BrickType, Cell, PlacedBrick
+from planning.lego.bricks.brick_grips import legal_presses, press_cell
 from planning.lego.bricks.brick_types import BRICKS, brick_of_size
 from planning.lego.bricks.brick_world import grasp_number, press_from_number
 from planning.lego.importers.brick_models.ldraw import Unknown, read_ldraw
 from planning.lego.importers.brick_models.model import BrickModel
 from planning.lego.importers.brick_models.part_library import PartLibrary
 from planning.lego.importers.brick_models.part_shape import PartShape
+from planning.lego.stability.contacts import filled_places, find_joints
 
 UPRIGHT = "1 0 0 0 1 0 0 0 1"
 TURNS = (UPRIGHT, "0 0 -1 0 1 0 1 0 0", "-1 0 0 0 1 0 0 0 -1", "0 0 1 0 1 0 -1 0 0")
@@ -77,7 +78,11 @@ PARTS = {
     "parts/block5x5.dat": block(5, 5, 3) + knobs(5, 5),
     "parts/tile2x2.dat": block(2, 2, 1),
     "parts/tile1x2.dat": block(2, 1, 1),
+    "parts/ramp2x2.dat": prism(-20, 20, SLOPE),
     "parts/slope2x2.dat": prism(-20, 20, SLOPE) + knobs(2, 1),
+    "parts/corner.dat": block(2, 2, 3) + knobs(1, 1, (10, 0, 10)),
+    "parts/inverse.dat": prism(-20, 20, [(24 - y, z) for y, z in SLOPE])
+    + knobs(2, 2, (0, 0, -10)),
     "parts/jumper.dat": block(2, 1, 1) + knobs(1, 1),
     "parts/sideways.dat": block(1, 1, 3)
     + knobs(1, 1)
@@ -137,30 +142,57 @@ def shape(library: Path, name: str) -> PartShape | str:
     return PartLibrary(library, Path("m.ldr"), {}).shape(name)
 
 
+def kind_of(found: PartShape | str) -> BrickType:
+    """Return the brick type that a part is where it stands as its file draws it."""
+    assert isinstance(found, PartShape)
+    assert not found.reason
+    return found.brick(np.eye(4))[0]
+
+
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
-def test_blocks_with_all_knobs_are_bricks(
+def test_blocks_with_knobs_are_bricks(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Of any size, anywhere in the frame of the part, drawn along x or z; without one knob they are none."""
+    """Of any size, anywhere in the frame of the part, at any turn, with any of the knobs that leave a grip."""
     nx, nz = data.draw(st.integers(1, 6)), data.draw(st.integers(1, 6))
     levels = data.draw(st.integers(1, 12))
     shift = data.draw(st.tuples(*[st.integers(-50, 50)] * 3))
-    held = knobs(nx, nz, shift).splitlines(keepends=True)
-    parts = {"parts/a.dat": block(nx, nz, levels, shift) + "".join(held)}
-    lost = data.draw(st.integers(0, len(held) - 1))
-    fewer = "".join(held[:lost] + held[lost + 1 :])
-    parts["parts/b.dat"] = block(nx, nz, levels, shift) + fewer
-    folder = write_library(tmp_path_factory.mktemp("library"), parts)
+    lines = knobs(nx, nz, shift).splitlines(keepends=True)
+    lost = data.draw(st.sets(st.integers(0, len(lines) - 1), max_size=len(lines) - 1))
+    kept = [line for k, line in enumerate(lines) if k not in lost]
+    text = block(nx, nz, levels, shift) + "".join(kept)
+    folder = write_library(tmp_path_factory.mktemp("library"), {"parts/a.dat": text})
     found = shape(folder, "a.dat")
     assert isinstance(found, PartShape)
-    assert found.brick == brick_of_size((min(nx, nz), max(nx, nz)), levels)
     x, y, z = shift
     assert np.allclose(found.low, [x - 10 * nx, y, z - 10 * nz])
     assert np.allclose(found.high, [x + 10 * nx, y + 8 * levels, z + 10 * nz])
-    bare = shape(folder, "b.dat")
-    assert isinstance(bare, PartShape)
-    assert bare.brick is None
+    here = {divmod(k, nz) for k in range(nx * nz) if k not in lost}
+    edges = [
+        [((i, k), (i, k + 1)) for i in (0, nx - 1) for k in range(nz - 1)],
+        [((i, k), (i + 1, k)) for k in (0, nz - 1) for i in range(nx - 1)],
+    ]
+    ends = {(i, k) for i in (0, nx - 1) for k in (0, nz - 1) if 1 in (nx, nz)}
+    pairs = [pair for own in edges for pair in own]
+    has_grip = any(here.issuperset(pair) for pair in pairs) or bool(here & ends)
+    assert (not found.reason) == has_grip, found.reason
+    if not has_grip:
+        return
+    # The brick as it is placed has its knobs where the knobs of the part are.
+    turn = data.draw(st.sampled_from(TURNS))
+    pose = np.eye(4)
+    pose[:3, :3] = np.reshape([float(v) for v in turn.split()], (3, 3))
+    kind, turned = found.brick(pose)
+    assert kind == brick_of_size((min(nx, nz), max(nx, nz)), levels, kind.bare)
+    low = found.placed(pose)[0]
+    placed = PlacedBrick("", kind, Cell(0, 0, 1, turned))
+    middles = [
+        (shift + np.array([20 * i - 10 * (nx - 1), 0, 20 * k - 10 * (nz - 1)]))
+        for i, k in here
+    ]
+    at = [(pose[:3, :3] @ middle - low)[[0, 2]] // 20 for middle in middles]
+    assert placed.knobs == {(int(i), int(k)) for i, k in at}
 
 
 def test_sizes_without_a_library_type_weigh_in_proportion() -> None:
@@ -176,9 +208,10 @@ def test_sizes_without_a_library_type_weigh_in_proportion() -> None:
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("tile2x2.dat", "a knob above every stud"),
-        ("jumper.dat", "a knob above every stud"),
-        ("slope2x2.dat", "a knob above every stud"),
+        ("tile2x2.dat", "no knobs at an edge"),
+        ("jumper.dat", "not on the grid of its studs"),
+        ("corner.dat", "no knobs at an edge"),
+        ("inverse.dat", "sides do not reach"),
         ("arch.dat", "sides do not reach"),
         ("sideways.dat", "not of whole studs"),
         ("narrow.dat", "not of whole studs"),
@@ -187,7 +220,6 @@ def test_sizes_without_a_library_type_weigh_in_proportion() -> None:
 def test_other_shapes_are_no_bricks(name: str, reason: str, library: Path) -> None:
     found = shape(library, name)
     assert isinstance(found, PartShape)
-    assert found.brick is None
     assert reason in found.reason
 
 
@@ -215,10 +247,7 @@ def test_parts_without_a_size_say_why(name: str, words: str, library: Path) -> N
 
 def test_parts_of_parts_are_found_in_any_case(library: Path) -> None:
     for name, brick in (("by parts.dat", "2x2"), ("moved.dat", "5x5")):
-        found = shape(library, name)
-        assert isinstance(found, PartShape)
-        assert found.brick is not None
-        assert found.brick.name == brick
+        assert kind_of(shape(library, name)).name == brick
 
 
 def test_links_do_not_lead_out_of_a_library(tmp_path: Path) -> None:
@@ -376,7 +405,7 @@ WALL = (
     part(0, 0, 0, "3001.dat")
     + part(0, -24, 0, "3001.dat")
     + part(20, -32, 0, "tile2x2.dat")
-    + part(70, 0, 0, "slope2x2.dat", TURNS[3])
+    + part(70, 0, 0, "ramp2x2.dat", TURNS[3])
     + part(60, -24, 0, "3003.dat")
     + part(60, -48, 0, "3003.dat")
     + part(50, -72, 10, "3005.dat")
@@ -390,8 +419,8 @@ def test_unknown_parts_are_counted_and_both_choices_named(
         read(tmp_path, WALL + part(200, 0, 0, "tile2x2.dat"), library)
     text = str(caught.value)
     assert "model.mpd:3: 'tile2x2.dat' is no brick" in text
-    assert "model.mpd:4: 'slope2x2.dat' is no brick" in text
-    assert "3 parts: tile2x2.dat (2), slope2x2.dat (1)" in text
+    assert "model.mpd:4: 'ramp2x2.dat' is no brick" in text
+    assert "3 parts: tile2x2.dat (2), ramp2x2.dat (1)" in text
     assert "--unknown box" in text
     assert "--unknown leave-out" in text
     assert "--parts" not in text
@@ -404,7 +433,7 @@ def test_what_only_unknown_parts_hold_is_left_out_too(tmp_path: Path) -> None:
     model = read(tmp_path, WALL, unknown="leave-out")
     assert [item.source for item in model.bricks] == ["line 1", "line 2"]
     assert not model.obstacles
-    assert "no bricks, left out: tile2x2.dat (1), slope2x2.dat (1)" in model.notes
+    assert "no bricks, left out: tile2x2.dat (1), ramp2x2.dat (1)" in model.notes
     assert (
         "3 left out, joined to nothing that stands on the plate:"
         " line 5 (2x2), line 6 (2x2), line 7 (1x1)" in model.notes
@@ -416,7 +445,7 @@ def test_boxes_stand_where_their_parts_end_up(library: Path, tmp_path: Path) -> 
     model = read(tmp_path, WALL, library, "box")
     assert [item.source for item in model.bricks] == ["line 1", "line 2"]
     (slope,) = model.obstacles
-    assert slope.words == "line 4 (slope2x2.dat)"
+    assert slope.words == "line 4 (ramp2x2.dat)"
     # The quarter turn puts the slope's z = -30 to 10 along x.
     assert slope.low == pytest.approx((4.0, 0.0, 0.0))
     assert slope.high == pytest.approx((6.0, 2.0, 3.0))
@@ -437,3 +466,33 @@ def test_every_grip_of_a_long_brick_has_a_number_of_its_own() -> None:
         presses = legal_presses(brick_of_size(studs, 3))
         numbers = [grasp_number(press) for press in presses]
         assert [press_from_number(n) for n in numbers] == list(presses)
+
+
+def test_a_slope_is_held_by_its_knobs(library: Path, tmp_path: Path) -> None:
+    """At every turn the grips are on the two knobs, and only what is on these is joined to it."""
+    kinds = set()
+    for turn in TURNS:
+        # The middle of the slope is 10 behind its origin.
+        ahead = np.reshape([float(v) for v in turn.split()], (3, 3)) @ [0, 0, 10]
+        x, y, z = ahead.tolist()
+        text = part(x, y, z, "slope2x2.dat", turn) + part(0, 24, 0, "16x16.dat")
+        own = {**PARTS, "parts/16x16.dat": block(16, 16, 3) + knobs(16, 16)}
+        model = read(tmp_path, text, write_library(tmp_path / "own", own))
+        slope, floor = model.bricks
+        kinds.add(slope.brick)
+        (grip,) = legal_presses(slope.brick)
+        item = PlacedBrick("slope", slope.brick, slope.cell)
+        cell = press_cell(item, grip, up=False)
+        pair = PlacedBrick("", BRICKS["1x2"], cell)
+        assert pair.studs == item.knobs
+        base = PlacedBrick("floor", floor.brick, floor.cell)
+        above = Cell.at_level(slope.cell.x, slope.cell.y, item.span.top)
+        upper = PlacedBrick("upper", BRICKS["2x2"], above)
+        bricks = {b.name: b for b in (base, item, upper)}
+        joints = {
+            j.upper: set(j.studs) for j in find_joints(bricks, filled_places(bricks))
+        }
+        assert joints["upper"] == item.knobs
+        assert joints["slope"] == item.studs
+    # Each turn of a square part has knobs of its own.
+    assert len(kinds) == 4
