@@ -284,7 +284,11 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     new = {"kind": "lego", **kept, "structure": structure_content(model, corner)}
     own = own_types(model).get("bricks", {})
     if own:
-        new["bricks"] = {**own, **kept.get("bricks", {})}
+        theirs = kept.get("bricks", {})
+        other = [name for name in own if name in theirs and theirs[name] != own[name]]
+        if other:
+            raise ScenarioError(f"{path}: other types are called {', '.join(other)}")
+        new["bricks"] = {**own, **theirs}
     content: dict[str, Any] = {"cell": data["cell"], "assembly": new}
     if boxes := obstacle_fixtures(model, corner, assembly.plate):
         content["cell"]["fixtures"] = [*content["cell"].get("fixtures", ()), *boxes]

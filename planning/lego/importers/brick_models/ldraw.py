@@ -95,12 +95,13 @@ def read_ldraw(
             or see ``finish_model``.
     """
     document = read_document(path, read_lines(path))
-    shape = PartLibrary(library, path, document.parts).shape
+    source = PartLibrary(library, path, document.parts)
+    document.colours = {**source.colours(), **document.colours}
     every = _parts(path, document)
     parts = [part for part in every if not is_baseplate(part.name)]
     if not parts:
         raise ScenarioError(f"{path}: there are no bricks in it (lines of type 1)")
-    found = {part.name: shape(part.name) for part in parts}
+    found = {part.name: source.shape(part.name) for part in parts}
     shapes = {k: own for k, own in found.items() if isinstance(own, PartShape)}
     reasons = {k: own for k, own in found.items() if isinstance(own, str)}
     reasons |= {k: own.reason for k, own in shapes.items() if own.reason}

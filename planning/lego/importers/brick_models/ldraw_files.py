@@ -247,21 +247,28 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
             finish(number - 1)
             name = _file_name(line.split(None, 2)[2] if len(words) > 2 else "")
             here, first, drawn, is_part = None, number, 0, False
-            if words[1].upper() == "FILE":
-                if name in document.models or name in document.parts:
+            # Packed files bring some parts twice.
+            if words[1].upper() == "FILE" and name not in document.parts:
+                if name in document.models:
                     faults.add(number, f"a model before it is called {name!r}, too")
                 here = document.models.setdefault(name, [])
         elif len(words) > 1 and words[1].upper() == "STEP":
             document.steps += 1
         elif len(words) > 2 and words[1].upper() == "!LDRAW_ORG":
             is_part = "MODEL" not in words[2].upper()
-        elif (colour := _DEFINED.match(line.strip())) is not None:
-            document.colours[int(colour[1])] = _split(int(colour[2], 16))
+        else:
+            document.colours |= read_colour(line)
     finish(len(lines))
     faults.check(form=FORM)
     if not document.models[""] and len(document.models) > 1:
         del document.models[""]
     return document
+
+
+def read_colour(line: str) -> dict[int, Colour]:
+    """Return the colour that a line defines, by its code; nothing where it defines none."""
+    found = _DEFINED.match(line.strip())
+    return {} if found is None else {int(found[1]): _split(int(found[2], 16))}
 
 
 def _file_name(text: str) -> str:

@@ -28,6 +28,9 @@ MOST_BRICKS = 20_000
 _TOUCH = 0.05
 """How far boxes may be in each other before they overlap [studs or levels]."""
 
+_LEAST = 10
+"""Of so many bricks of a partial model one at least is joined to the plate below its lowest brick."""
+
 _MOST_NAMES = 200
 """Bricks of a note that are named."""
 
@@ -237,7 +240,8 @@ def finish_partial_model(
 
     Obstacles on bricks cannot stand from the start: they are left out, and so are those within
     bricks, and what they have below the plate. Bricks are left out that are where an obstacle or a
-    brick before them is, and those that nothing joins then to the plate, on which the lowest stands.
+    brick before them is, and those that nothing joins then to the plate, on which the lowest stands;
+    where that holds few of the bricks, the lowest of the largest group of joined bricks.
 
     Raises:
         ScenarioError: there are no bricks left, or too many.
@@ -276,6 +280,15 @@ def finish_partial_model(
     if not free:
         raise ScenarioError(f"{path}: no brick is left that could be placed")
     held = _held(free)
+    if len(held) * _LEAST < len(free):
+        # A small thing below the others: rather the largest group stands on the plate.
+        lowest = min(free[k].span.bottom for k in _largest_group(free))
+        notes += _left_out(
+            "below the largest group of joined bricks",
+            [item.words for item in free if item.span.bottom < lowest],
+        )
+        free = [item for item in free if item.span.bottom >= lowest]
+        held = _held(free)
     loose = [item.words for k, item in enumerate(free) if k not in held]
     notes += _left_out("joined to nothing that stands on the plate", loose)
     return _moved([free[k] for k in sorted(held)], outer, tuple(notes))
@@ -340,6 +353,24 @@ def _overlaps(bricks: Sequence[ModelBrick]) -> list[tuple[int, int]]:
             if other != k:
                 found.setdefault((k, other))
     return list(found)
+
+
+def _largest_group(bricks: Sequence[ModelBrick]) -> set[int]:
+    """Return the largest group of bricks that are joined to each other."""
+    owner = {place: k for k, item in enumerate(bricks) for place in item.places}
+    left, best = set(range(len(bricks))), set[int]()
+    while left:
+        group = {min(left)}
+        front = list(group)
+        while front:
+            places = bricks[front.pop()].places
+            near = {owner.get((x, y, z + dz)) for x, y, z in places for dz in (-1, 1)}
+            new = {k for k in near if k is not None} - group
+            group |= new
+            front += new
+        left -= group
+        best = max(best, group, key=len)
+    return best
 
 
 def _held(bricks: Sequence[ModelBrick]) -> set[int]:

@@ -14,7 +14,9 @@ import numpy as np
 
 from planning.errors import ScenarioError
 from planning.lego.importers.brick_models.ldraw_files import (
+    Colour,
     brick_type_of_file,
+    read_colour,
     read_numbers,
     read_reference,
 )
@@ -94,6 +96,15 @@ class PartLibrary:
                 found = str(error)
             self._shapes[name] = "nothing is drawn in it" if found is None else found
         return self._shapes[name]
+
+    def colours(self) -> dict[int, Colour]:
+        """Return the colours that the library defines in its ``LDConfig.ldr``, by code."""
+        path = self._folder and self._entry(self._folder, "ldconfig.ldr")
+        if path is None or self._folder is None:
+            return {}
+        require_inside(path, self._folder)
+        lines = read_lines(path, _LARGEST)
+        return {k: own for line in lines for k, own in read_colour(line).items()}
 
     def _geometry(self, name: str) -> PartGeometry:
         """Return the surface of a file with all that it refers to.

@@ -496,3 +496,41 @@ def test_a_slope_is_held_by_its_knobs(library: Path, tmp_path: Path) -> None:
         assert joints["slope"] == item.studs
     # Each turn of a square part has knobs of its own.
     assert len(kinds) == 4
+
+
+def test_colours_of_a_library(tmp_path: Path) -> None:
+    """Those of the model's file come first, then those of the library's, then the known ones."""
+    line = "0 !COLOUR Mine CODE {} VALUE #{} EDGE #333333\n"
+    folder = write_library(
+        tmp_path / "ldraw",
+        {
+            "parts/a.dat": "",
+            "LDConfig.LDR": line.format(901, "010203") + line.format(902, "040506"),
+        },
+    )
+    bricks = [
+        part(0, -24 * k, 0, "3001.dat").replace("1 4", f"1 {code}")
+        for k, code in enumerate((901, 902, 4, 903))
+    ]
+    text = line.format(902, "070809") + "".join(bricks)
+    model = read(tmp_path, text, folder)
+    colours = [item.colour for item in model.bricks]
+    assert colours == [(1, 2, 3), (7, 8, 9), (201, 26, 9), None]
+    assert "bricks of colour 903, which" in model.notes[0]
+
+
+def test_a_part_that_is_packed_twice_is_read_once(tmp_path: Path) -> None:
+    own = block(2, 2, 3) + knobs(2, 2)
+    text = "0 FILE main.ldr\n" + part(0, 0, 0, "own.dat")
+    text += "0 FILE own.dat\n" + own + "0 FILE OWN.DAT\n" + block(9, 9, 1)
+    assert cells(read(tmp_path, text)) == [("2x2", Cell(0, 0, 1))]
+
+
+def test_the_largest_group_stands_where_little_else_does(tmp_path: Path) -> None:
+    """A wheel's plate below, a tower of twelve on an unknown part above it."""
+    tower = [part(0, -96 - 24 * k, 0, "3001.dat") for k in range(12)]
+    text = part(0, 0, 0, "3003.dat") + part(0, -50, 0, "none.dat") + "".join(tower)
+    model = read(tmp_path, text, unknown="leave-out")
+    assert len(model.bricks) == 12
+    assert model.size == (4, 2, 36)
+    assert any("below the largest group" in note for note in model.notes)
