@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 from itertools import product
 from types import MappingProxyType
 
@@ -42,7 +41,6 @@ BRICKS: Mapping[str, BrickType] = MappingProxyType(
 """Bricks by name, such as ``"2x4"``, and plates, such as ``"2x4-plate"``."""
 
 
-@lru_cache(maxsize=4096)
 def brick_of_size(
     studs: tuple[int, int], height: int, bare: frozenset[tuple[int, int]] = frozenset()
 ) -> BrickType:

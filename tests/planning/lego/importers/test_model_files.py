@@ -159,7 +159,7 @@ def test_every_part_covers_its_studs(
     assert base.cell == Cell(0, 0, 1)
     assert (item.cell.x, item.cell.y) == (0, 0)
     assert item.span.size == (nx, nz)
-    assert item.brick is kind
+    assert item.brick == kind
 
 
 @settings(max_examples=40, deadline=None)
