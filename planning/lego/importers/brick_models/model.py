@@ -359,9 +359,10 @@ def _largest_group(bricks: Sequence[ModelBrick]) -> set[int]:
     """Return the largest group of bricks that are joined to each other."""
     owner = {place: k for k, item in enumerate(bricks) for place in item.places}
     left, best = set(range(len(bricks))), set[int]()
-    while left:
-        group = {min(left)}
-        front = list(group)
+    for start in range(len(bricks)):
+        if start not in left:
+            continue
+        group, front = {start}, [start]
         while front:
             places = bricks[front.pop()].places
             near = {owner.get((x, y, z + dz)) for x, y, z in places for dz in (-1, 1)}
