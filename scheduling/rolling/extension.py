@@ -195,7 +195,19 @@ def extend_graph(
         known.append((a, u + count[a], b, v + count[b]))
     edges = np.array(known, dtype=np.int64).reshape(-1, 4)
     causes = np.concatenate([committed.cause, new.cause])
-    return _with_idle(connect_nodes(DerivedTpg(union), (edges, causes)), order)
+    searched = [0] * len(every)
+    for chain in committed.chains:
+        searched[place[chain.robot]] = _before_failed_attempts(committed, chain)
+    tpg = connect_nodes(DerivedTpg(union), (edges, causes), searched)
+    return _with_idle(tpg, order)
+
+
+def _before_failed_attempts(committed: TemporalPlanGraph, chain: NodeChain) -> int:
+    """Return the number of nodes of a chain before the failed attempts at its end."""
+    kinds = [committed.tasks[task].kind for task in chain.task.tolist()]
+    while kinds and kinds[-1] == TaskKind.FAILED:
+        kinds.pop()
+    return len(kinds)
 
 
 def _with_idle(tpg: TemporalPlanGraph, order: Sequence[str]) -> TemporalPlanGraph:
