@@ -114,9 +114,8 @@ def raised_bound(schedules: PricedSchedules, unlimited: frozenset[str]) -> float
     for number in range(_ROUNDS):
         direction = np.where(limited, uses - 1, 0) + _DEFLECTION * direction
         change = np.where((direction > 0.0) | (prices > 0.0), direction, 0.0)
-        stride = _STRIDE * bound * _FADING**number
-        prices = prices + stride * change / max(1.0, np.abs(change).sum())
-        prices = np.maximum(prices, 0.0)
+        stride = _STRIDE * bound * _FADING**number / max(1.0, np.abs(change).sum())
+        prices = np.maximum(0.0, prices + stride * change)
         if number >= _ROUNDS - _LAST_ROUNDS:
             mean += prices / _LAST_ROUNDS
         _, uses = schedules.shortest(prices, few)
@@ -260,7 +259,10 @@ def _reduced(labels: _Labels, most: int) -> _Labels:
     """Return the labels that are not dominated, merged if they are too many."""
     clocks, places = labels.clocks, labels.places.copy()
     while True:
-        group = _numbered_rows(places)
+        group = np.zeros(len(places), dtype=np.int64)
+        for column in (places - places.min()).T:
+            ranked = group * (column.max() + 1) + column
+            group = np.unique(ranked, return_inverse=True)[1]
         count = int(group.max()) + 1
         if count <= most:
             break
@@ -283,11 +285,3 @@ def _reduced(labels: _Labels, most: int) -> _Labels:
     found = np.concatenate(rows)
     choice, before = labels.choice[found], labels.before[found]
     return _Labels(np.concatenate(merged), places[found], choice, before)
-
-
-def _numbered_rows(rows: Indices) -> Indices:
-    """Return the rank of each row among the distinct rows, shape (l,)."""
-    rank = np.zeros(len(rows), dtype=np.int64)
-    for column in (rows - rows.min()).T:
-        rank = np.unique(rank * (column.max() + 1) + column, return_inverse=True)[1]
-    return rank

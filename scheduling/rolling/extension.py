@@ -195,19 +195,13 @@ def extend_graph(
         known.append((a, u + count[a], b, v + count[b]))
     edges = np.array(known, dtype=np.int64).reshape(-1, 4)
     causes = np.concatenate([committed.cause, new.cause])
-    searched = [0] * len(every)
+    searched, failed = [0] * len(every), TaskKind.FAILED
     for chain in committed.chains:
-        searched[place[chain.robot]] = _before_failed_attempts(committed, chain)
+        # Without failed attempts at the end, which have left objects elsewhere.
+        kept = [committed.tasks[k].kind != failed for k in chain.task.tolist()]
+        searched[place[chain.robot]] = max(np.flatnonzero(kept), default=-1) + 1
     tpg = connect_nodes(DerivedTpg(union), (edges, causes), searched)
     return _with_idle(tpg, order)
-
-
-def _before_failed_attempts(committed: TemporalPlanGraph, chain: NodeChain) -> int:
-    """Return the number of nodes of a chain before the failed attempts at its end."""
-    kinds = [committed.tasks[task].kind for task in chain.task.tolist()]
-    while kinds and kinds[-1] == TaskKind.FAILED:
-        kinds.pop()
-    return len(kinds)
 
 
 def _with_idle(tpg: TemporalPlanGraph, order: Sequence[str]) -> TemporalPlanGraph:
