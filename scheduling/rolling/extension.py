@@ -199,7 +199,7 @@ def extend_graph(
     for chain in committed.chains:
         # Without failed attempts at the end, which have left objects elsewhere.
         kept = [committed.tasks[k].kind != failed for k in chain.task.tolist()]
-        searched[place[chain.robot]] = max(np.flatnonzero(kept), default=-1) + 1
+        searched[place[chain.robot]] = len(kept) - [*kept[::-1], True].index(True)
     tpg = connect_nodes(DerivedTpg(union), (edges, causes), searched)
     return _with_idle(tpg, order)
 
