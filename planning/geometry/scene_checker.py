@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise, product
 from typing import NamedTuple
 
+import coal
 import numpy as np
 
 from planning.cell.workcell import PoseError, Workcell, WorldState
@@ -21,7 +22,7 @@ from planning.geometry.exact import (
     may_come_close,
     place_at_middle,
 )
-from planning.geometry.overlap_bounds import closest_at_waypoint, find_unproved
+from planning.geometry.overlap_bounds import find_unproved
 from planning.geometry.robot_bodies import (
     Held,
     entity_name,
@@ -49,8 +50,11 @@ _TOUCHING = 5e-5
 _FINE = 2e-5
 """Tolerance of the check whether a motion exceeds an allowed overlap [m]."""
 
-_MOST_UNPROVED = 64
-"""Number of stretches of a path, not proved to keep a limit, up to which only these are measured."""
+_LENGTH = 1e-6
+"""Greatest error of the length of a measured axis."""
+
+_AXES = 8
+"""Number of axes that are measured, one after another, to prove that a tool keeps a limit."""
 
 _PROVED = _FINE + 1e-5
 """Distance beyond a limit at which a bound is sure to agree with the exact decision: its tolerance, and errors of
@@ -311,34 +315,29 @@ class SceneChecker:
         if not bodies:
             return False
         # In intended contacts, base errors and deviations are ignored.
-        solids = [solid.where_planned for solid in self._own.solids]
-        scene = self._scene
-        question = scene.own.hulls, np.array(bodies), path
-        where = scene.box_pose[column], scene.box_half[column]
-        body, at, least = closest_at_waypoint(*question, *where)
-        if (
-            least < limit
-            and hull_distance_at(solids[body], path[at], box, path[at]) < limit
-        ):
-            return True
-        unproved = np.empty((_MOST_UNPROVED, 4))
-        count = find_unproved(*question, *where, limit + _PROVED, unproved)
+        solids = [self._own.solids[body].where_planned for body in bodies]
+        hulls, box_pose = self._scene.own.hulls, self._scene.box_pose[column]
+        half, axes = self._scene.box_half[column], np.zeros((len(bodies), 3))
+        for _ in range(_AXES):
+            k, s, share = find_unproved(
+                hulls, np.array(bodies), axes, path, box_pose, half, limit + _PROVED
+            )
+            if k < 0:
+                return False
+            q = path[s] + share * (path[s + 1] - path[s])
+            gap, axes[k] = _measure_axis(solids[k], q, box)
+            if gap < limit:
+                return True
         close = []
-        if count < _MOST_UNPROVED:
-            for part in unproved[:count]:
-                body, s = part[:2].astype(int)
-                q0, q1 = (path[s] + t * (path[s + 1] - path[s]) for t in part[2:])
-                close.append((solids[body], q0, q1))
-        else:
-            alone = self._only(bodies, column, max(limit, 0.0))
-            for q0, q1 in pairwise(path):
-                # Pairs that are proved apart keep the limit.
-                _, when, what = find_undecided(alone, q0, q1, False, True, 0, False)
-                for (lo, hi), (_, body, _) in zip(
-                    when.tolist(), what.tolist(), strict=True
-                ):
-                    ends = q0 + lo * (q1 - q0), q0 + hi * (q1 - q0)
-                    close.append((solids[body], *ends))
+        alone = self._only(bodies, column, max(limit, 0.0))
+        for q0, q1 in pairwise(path):
+            # Pairs that are proved apart keep the limit.
+            _, when, what = find_undecided(alone, q0, q1, False, True, 0, False)
+            for (lo, hi), (_, body, _) in zip(
+                when.tolist(), what.tolist(), strict=True
+            ):
+                ends = q0 + lo * (q1 - q0), q0 + hi * (q1 - q0)
+                close.append((solids[bodies.index(body)], *ends))
         # Ends and middles are cheap to check, and often decide already.
         for solid, q0, q1 in close:
             if any(
@@ -387,6 +386,22 @@ class SceneChecker:
             return BodyPair(mine, self._boxes.solid(other), limit, together=False)
         limit = float(scene.self_limit[body, other])
         return BodyPair(mine, self._own.solids[other], limit, together=True)
+
+
+def _measure_axis(mine: Solid, q: Array, other: Solid) -> tuple[float, Array]:
+    """Return the signed distance of a body from one at rest [m], and the axis of it in the frame of the joint.
+
+    The axis is zero where none is found.
+    """
+    pose, result = place_at_middle(mine, q, q)[0], coal.DistanceResult()
+    gap = coal.distance(
+        mine.shape, pose, other.shape, other.at_rest, coal.DistanceRequest(), result
+    )
+    turn = np.asarray(pose.getRotation()) @ mine.local[:3, :3].T
+    axis = turn.T @ np.asarray(result.normal).reshape(3)
+    length = np.linalg.norm(axis)
+    known = abs(length - 1.0) < _LENGTH
+    return float(gap), axis if known else np.zeros(3)
 
 
 def _surroundings(
