@@ -53,7 +53,7 @@ _FINE = 2e-5
 _LENGTH = 1e-6
 """Greatest error of the length of a measured axis."""
 
-_AXES = 8
+_AXES = 4
 """Number of axes that are measured, one after another, to prove that a tool keeps a limit."""
 
 _PROVED = _FINE + 1e-5
