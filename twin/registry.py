@@ -180,10 +180,20 @@ COMMANDS = Group(
         "schema": "twin.commands.scenarios:schema",
         "doctor": "twin.doctor.commands:doctor",
         "cluster": "twin.cluster.commands:cluster",
-        "import": "twin.kinds.lego.imports:app",
+        "import": "twin.commands.imports:app",
     },
 )
 """Commands of the program in the order of its help: functions for typer, or programs of several commands."""
+
+IMPORTS = Group(
+    "imports",
+    {
+        "apex-mr": "twin.kinds.lego.imports:import_apex_mr_task",
+        "bricks": "twin.kinds.lego.imports:import_brick_list",
+        "ldraw": "twin.kinds.lego.imports:import_ldraw",
+    },
+)
+"""Formats that a scenario can be created from: functions for typer, the commands of ``twin import``."""
 
 EXPORTS = Group(
     "exports",
@@ -213,6 +223,7 @@ HOOKS = Group(
         "plan warnings": "twin.warnings.plan_warnings:plan_warnings",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explorations.designs:begin_named_design",
+        "synchronous plan": "scheduling.synchronous.synchronous_plan:plan_synchronous",
         "assignment search": "planning.assignment_search.search:search_assignments",
         "makespan bound": "planning.makespan_bound.makespan_bound:makespan_bound_s",
     },
