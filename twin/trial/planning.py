@@ -13,6 +13,7 @@ import numpy as np
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.tasks.task import TaskKind
 from scheduling.build_nodes import build_nodes
+from scheduling.conflicts.derived_tpg import OccupantConflicts
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import Report, StageWatch, report_nothing
@@ -222,8 +223,8 @@ def _shortest(
     case: LoadedScenario, motions: PlannedMotions, watch: StageWatch
 ) -> PlanResult:
     """Return the shortest plan over assignments and subsets of robots, for the planned products."""
-    (first, *others), searched = _promising_motions(case.sections, motions, watch)
-    plan = _coordinated(case, first, watch)
+    (first, *others), searched, conflicts = _promising_motions(case.sections, motions, watch)
+    plan = _coordinated(case, first, watch, conflicts=conflicts)
     for other in others:
         plan = _shorter(plan, other, watch)
     idle = find_idle_robots(plan.tpg, motions, case.sections.kind)
@@ -264,6 +265,7 @@ class CoordinatedPlans:
         watch: returns a stopwatch for the stages that a plan adds to its base plan.
         candidates: shortcuts tried.
         keep_slots: leave the tasks of a plan in slots there when it is shortened.
+        conflicts: what was found for other plans of the same cell.
     """
 
     def __init__(
@@ -274,8 +276,10 @@ class CoordinatedPlans:
         *,
         candidates: int,
         keep_slots: bool = False,
+        conflicts: OccupantConflicts | None = None,
     ) -> None:
         self._motions, self._scenario, self._watch = motions, scenario, watch
+        self._conflicts = conflicts
         self._candidates, self._keep_slots = candidates, keep_slots
         self._made: dict[str, tuple[TemporalPlanGraph, Mapping[str, float]]] = {}
 
@@ -303,6 +307,8 @@ class CoordinatedPlans:
                     sidesteps=planned_sidesteps(self._scenario),
                     seconds=self._scenario.planning.shortcut_s,
                     keep_slots=self._keep_slots,
+                    straight=orders_by_straight_lines(self._scenario),
+                    conflicts=self._conflicts,
                 )
             elif name == IN_SLOTS:
                 always = self._scenario.planning.joint_planning == "always"
@@ -323,6 +329,7 @@ def _coordinated(
     first: PlannedMotions,
     watch: StageWatch,
     most: int = MOST_CANDIDATES,
+    conflicts: OccupantConflicts | None = None,
 ) -> PlanResult:
     """Return motions with their graph, ordered and shortened with a limited number of candidates."""
     scenario, turns = loaded.sections, None
@@ -333,6 +340,7 @@ def _coordinated(
         lambda: watch,
         candidates=candidates,
         keep_slots=scenario.execution.policy == "synchronous",
+        conflicts=conflicts,
     )
     name = AT_ONCE if assembly_kind(scenario.assembly).space_time else IN_TURNS
     if scenario.planning.coordination == "synchronous":
@@ -363,6 +371,12 @@ def searches_assignment(scenario: Scenario) -> bool:
     return wanted and scenario.kind.chooses_robots and "assignment search" in HOOKS
 
 
+def orders_by_straight_lines(scenario: Scenario) -> bool:
+    """Return whether tasks are ordered as if transits were straight lines."""
+    searched = scenario.planning.assignment == "search"
+    return searched and scenario.kind.chooses_robots
+
+
 @dataclass(frozen=True)
 class _Searched:
     """A searched assignment.
@@ -383,7 +397,7 @@ class _Searched:
 
 def _promising_motions(
     scenario: Scenario, first: PlannedMotions, watch: StageWatch
-) -> tuple[list[PlannedMotions], _Searched | None]:
+) -> tuple[list[PlannedMotions], _Searched | None, OccupantConflicts | None]:
     """Return motions of the integer program's plan, and of better rated ones, best rated first.
 
     Without shortcuts a graph is cheap, and those of all plans are compared.
@@ -393,9 +407,12 @@ def _promising_motions(
 
     crews, searches = chooses_robot_subset(scenario), searches_assignment(scenario)
     if not (crews or searches) or (work := first.work) is None:
-        return [first], None
+        return [first], None, None
     shortcuts = planned_shortcuts(scenario) > 0
-    rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
+    straight = orders_by_straight_lines(scenario)
+    rater = PlanRater(
+        first.cell, first.settings, shortcuts=shortcuts, straight=straight
+    )
     searched: _Searched | None = None
     others: list[RatedPlan] = []
     if searches:
@@ -404,7 +421,7 @@ def _promising_motions(
         if searched is not None and searched.rated is not None:
             others = [searched.rated]
     if not (crews or others):
-        return [first], searched
+        return [first], searched, None
     stage = ("assignment", CREWS) if crews else ("assignment_search", SEARCH)
     with watch.stage(*stage):
         start = rater.rate_motions(work, first.task_plan, first.motion_plan)
@@ -415,16 +432,14 @@ def _promising_motions(
         gain = replace(searched.gain, rated_start_s=start.makespan_s)
         searched = replace(searched, gain=gain)
     found = sorted([*found, *others], key=lambda plan: plan.makespan_s)
-    near = _NEAR if crews else _CLOSE
-    longest = found[0].makespan_s * (1.0 + near) if shortcuts else np.inf
-    if shortcuts and not crews and found[0] is start:
-        # Shortcuts take most of the time of planning: not for a plan that is rated longer.
-        return [first], searched
+    if straight and shortcuts:
+        found = found[:1]
+    longest = found[0].makespan_s * (1.0 + _NEAR) if shortcuts else np.inf
     return [
         first if plan is start else _with_plan(scenario, first, plan)
         for plan in found
-        if (plan is start and crews) or plan.makespan_s <= longest
-    ], searched
+        if plan is start or plan.makespan_s <= longest
+    ], searched, rater.conflicts if straight else None
 
 
 def _search_assignment(
