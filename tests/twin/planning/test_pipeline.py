@@ -118,7 +118,7 @@ def test_with_sidesteps_the_planned_order_of_tasks_has_a_chance_too(
     settings, tpg = MotionSettings({}, speeds, 0.15, {}), build_tpg(plan)
     # An order that is no better: everything one task after another.
     worse = with_barriers(replace(tpg, slots=np.arange(len(tpg.tasks))))
-    monkeypatch.setattr(pipeline, "reorder_tasks", lambda tpg: worse)
+    monkeypatch.setattr(pipeline, "reorder_tasks", lambda tpg, *_: worse)
 
     def ends(sidesteps: int) -> float:
         found = pipeline.shorten_plan(
