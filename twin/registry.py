@@ -180,10 +180,20 @@ COMMANDS = Group(
         "schema": "twin.commands.scenarios:schema",
         "doctor": "twin.doctor.commands:doctor",
         "cluster": "twin.cluster.commands:cluster",
-        "import": "twin.kinds.lego.imports:app",
+        "import": "twin.commands.imports:app",
     },
 )
 """Commands of the program in the order of its help: functions for typer, or programs of several commands."""
+
+IMPORTS = Group(
+    "imports",
+    {
+        "apex-mr": "twin.kinds.lego.imports:import_apex_mr_task",
+        "bricks": "twin.kinds.lego.imports:import_brick_list",
+        "ldraw": "twin.kinds.lego.imports:import_ldraw",
+    },
+)
+"""Formats that a scenario can be created from: functions for typer, the commands of ``twin import``."""
 
 EXPORTS = Group(
     "exports",

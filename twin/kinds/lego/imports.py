@@ -1,4 +1,4 @@
-"""``twin import``: create scenarios from published task files, brick lists and LDraw models."""
+"""Commands of ``twin import`` for LEGO: published task files, brick lists and LDraw models."""
 
 from __future__ import annotations
 
@@ -28,12 +28,7 @@ CellOf = Annotated[
 
 _STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
 
-app = typer.Typer(
-    no_args_is_help=True, help="Create scenarios from files of other programs."
-)
 
-
-@app.command("apex-mr")
 @guarded
 def import_apex_mr_task(
     folder: Annotated[
@@ -75,7 +70,6 @@ def import_apex_mr_task(
     )
 
 
-@app.command("bricks")
 @guarded
 def import_brick_list(
     file: Annotated[
@@ -94,7 +88,6 @@ def import_brick_list(
     _write(file, read_brick_list(file), output, cell)
 
 
-@app.command("ldraw")
 @guarded
 def import_ldraw(
     file: Annotated[
