@@ -379,9 +379,12 @@ def searches_assignment(scenario: Scenario) -> bool:
 
 def orders_by_straight_lines(scenario: Scenario) -> bool:
     """Return whether tasks are ordered for transits along straight lines; not for plans in slots."""
-    planning = scenario.planning
-    wanted = planning.assignment == "search" and planning.coordination == "sequential"
-    return wanted and scenario.kind.chooses_robots
+    planning, kind = scenario.planning, scenario.kind
+    if planning.coordination != "sequential" or not kind.chooses_robots:
+        return False
+    if planning.assignment == "auto":
+        return kind.searches_assignment
+    return planning.assignment == "search"
 
 
 @dataclass(frozen=True)

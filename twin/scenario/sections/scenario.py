@@ -93,7 +93,8 @@ class PlanningSection(Section):
             script adds.
         attempts: transit searches, each longer than the one before, until the planner gives up.
         assignment: ``search`` looks for an assignment that is predicted to end sooner than that of the integer
-            program, and orders tasks for straight transits; ``paper`` takes that of the program, as APEX-MR does.
+            program, and orders tasks for straight transits; ``paper`` takes that of the program, as APEX-MR does;
+            ``auto`` searches for LEGO structures.
         assignment_moves: assignments that ``search`` looks at; ``auto`` goes by the number of steps.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
             into slots in which robots move at once.
@@ -120,7 +121,7 @@ class PlanningSection(Section):
     step_s: Annotated[float, Field(ge=0.001, le=10)] = 0.05
     planner: Annotated[Name, AfterValidator(_registered_planner)] = "rrt-connect"
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
-    assignment: Literal["paper", "search"] = "search"
+    assignment: Literal["auto", "paper", "search"] = "auto"
     assignment_moves: Annotated[int, Field(ge=1, le=1_000_000)] | Literal["auto"] = (
         "auto"
     )
