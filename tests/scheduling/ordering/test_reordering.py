@@ -32,12 +32,12 @@ from scheduling.ordering.reordering import (
     reorder_tasks,
     straight_durations,
 )
-from scheduling.ordering.synchronous import (
+from scheduling.shortcuts.candidates import find_spans
+from scheduling.synchronous.synchronous_plan import (
     SynchronousPlan,
     TaskConflicts,
     plan_synchronous,
 )
-from scheduling.shortcuts.candidates import find_spans
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import PlainGraph, check_conflicts_are_ordered
 from tests.scheduling.mini_world import random_plan
