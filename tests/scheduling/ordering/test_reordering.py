@@ -22,7 +22,6 @@ from scheduling.graph.barriers import with_barriers
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.graph.windows import plan_cost
-from scheduling.ordering import synchronous
 from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.known_edges import connect_in_order
 from scheduling.ordering.relations import TaskRelations
@@ -33,6 +32,7 @@ from scheduling.ordering.reordering import (
     straight_durations,
 )
 from scheduling.shortcuts.candidates import find_spans
+from scheduling.synchronous import synchronous_plan as synchronous
 from scheduling.synchronous.synchronous_plan import (
     SynchronousPlan,
     TaskConflicts,
