@@ -60,7 +60,7 @@ class FittingError(RobotModelError):
     """A change that a cell makes to a robot does not fit it.
 
     Attributes:
-        key: what is at fault: ``tool``, ``flange``, ``limits`` or ``joints``.
+        key: what is at fault: ``tool``, ``flange``, ``limits``, ``joints`` or ``base_error``.
     """
 
     def __init__(

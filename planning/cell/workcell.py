@@ -57,6 +57,8 @@ class PlacedRobot:
         tools: those that it changes; none for a robot that keeps its own.
         limits: its motion limits; None where it reaches full speed immediately.
         base_error: how far its base may be from ``base``: what calibration leaves.
+        mounted_on: fixtures that are links of its description, which other robots share. What its first joint
+            moves may touch them, and what overlaps them at HOME.
     """
 
     name: str
@@ -67,6 +69,7 @@ class PlacedRobot:
     tools: tuple[RackTool, ...] = ()
     limits: MotionLimits | None = None
     base_error: PoseError = NO_ERROR
+    mounted_on: tuple[Fixture, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ The module also bounds the position error of these bodies while a skill is under
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain, permutations
 
@@ -16,11 +16,12 @@ from planning.caches import BoundedCache
 from planning.cell.workcell import (
     Attachment,
     CellObject,
+    Fixture,
     PlacedRobot,
     PoseError,
     Workcell,
 )
-from planning.geometry.exact import Solid
+from planning.geometry.exact import Solid, hull_distance_at, resting_solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.swept import SKIP
 from planning.kinematics.chain import placed_joints
@@ -33,6 +34,7 @@ AllowedPairs = Iterable[frozenset[str]]
 """Unordered pairs of entities that may touch."""
 
 _KNOWN: BoundedCache[RobotBodies] = BoundedCache(4000)
+_TABLES: BoundedCache[HullTable] = BoundedCache(4000)
 
 
 GROUPS = ("arm", "tool")
@@ -57,6 +59,7 @@ class RobotBodies:
         hulls: their corners, in one segment.
         self_limits: least distance between two of them, upper triangle, SKIP for none.
         parts: how many belong to the robot itself.
+        bolted: for each fixture that the robot is mounted on, which of its bodies may touch which piece of it.
     """
 
     solids: tuple[Solid, ...]
@@ -64,6 +67,7 @@ class RobotBodies:
     hulls: HullTable
     self_limits: Array
     parts: int
+    bolted: Mapping[str, Sequence[tuple[int, int]]] = field(default_factory=dict)
 
     def numbered(self, numbers: Mapping[str, int]) -> Indices:
         """Return the entity number of each body."""
@@ -169,6 +173,7 @@ def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:
         robot.name,
         robot.base.tobytes(),
         robot.base_error,
+        robot.mounted_on and (robot.mounted_on, robot.home.tobytes()),
         *((item.name, item.shape, at.pose.tobytes()) for item, at in held),
     )
     return _KNOWN.get(key, lambda: _collect(robot, held))
@@ -196,13 +201,39 @@ def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
     for i, j in model.never_collide:
         limits[i, j] = SKIP
     q, which = np.zeros((1, model.dof)), np.arange(count, dtype=np.int32)[None]
+    # Equal objects differ in nothing but their names.
+    key = joints, *map(_content, solids[parts:])
     return RobotBodies(
         tuple(solids),
         (*groups, *(solid.name for solid in solids[parts:])),
-        hull_table(joints, q, q, which, solids),
+        _TABLES.get(key, lambda: hull_table(joints, q, q, which, solids)),
         limits,
         parts,
+        {fixture.name: _bolted(robot, fixture, solids) for fixture in robot.mounted_on},
     )
+
+
+def _bolted(
+    robot: PlacedRobot, fixture: Fixture, solids: Sequence[Solid]
+) -> Sequence[tuple[int, int]]:
+    """Return the bodies of a robot and the pieces of a fixture that may touch: neighbours, and those that do at HOME."""
+    rests = [
+        resting_solid(*own) for own in fixture.shape.placed(fixture.name, fixture.pose)
+    ]
+    q = np.array(robot.home, dtype=np.float64)
+    return [
+        (k, piece)
+        for k, solid in enumerate(solids[: len(robot.model.parts)])
+        for piece, rest in enumerate(rests)
+        if solid.joint <= 0 or hull_distance_at(solid, q, rest, q) <= 0.0
+    ]
+
+
+def _content(solid: Solid) -> tuple[bytes, ...]:
+    """Return the pose, the corners and the capsules of a carried body."""
+    body, around = solid.body, solid.body.capsules
+    arrays = solid.local, body.vertices, around.start, around.end, around.radius
+    return tuple(array.tobytes() for array in arrays)
 
 
 def objects_held_by(

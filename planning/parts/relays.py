@@ -29,7 +29,7 @@ from planning.handling.handovers import Handover, MeetingPlace, find_handover
 from planning.handling.skill_contacts import grip_contact
 from planning.handling.skill_targets import Subgoal
 from planning.handling.tool_changes import mounted_tool, with_each_tool
-from planning.kinematics.kinematics import inverse_kinematics
+from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.parts.part_skills import PartSkills, SkillTry, handover_targets, held_pose
 from planning.parts.part_steps import PartStep
 from planning.steps.skill import Obstruction, SkillPath, joint_distance
@@ -324,6 +324,13 @@ class _Passing:
             for ends in (self._picks, self._places)
         )
 
+    def _stand(self, robot: PlacedRobot) -> Array:
+        """Return the origin of a robot's base; below its hand at HOME where others have that base, shape (3,) [m]."""
+        if not robot.mounted_on:
+            return np.asarray(robot.base[:3, 3])
+        hand = frame_pose(robot, robot.home, self._assembly.frame)[:3, 3]
+        return np.asarray(hand - (0.0, 0.0, _MEETING_HEIGHTS[0]))
+
     def _meetings(
         self, giver: PlacedRobot, receiver: PlacedRobot
     ) -> Iterator[tuple[RelayEnd, RelayEnd, Transform]]:
@@ -335,8 +342,9 @@ class _Passing:
         other = [end for end in self._places if end.robot is receiver]
         pairs = [pair for pair in product(own, other) if _apart(*pair) >= _PALMS]
         pairs.sort(key=lambda pair: -round(_apart(*pair), 6))
-        to = receiver.base[:3, 3] - giver.base[:3, 3]
-        middle = giver.base[:3, 3] + 0.5 * to
+        first, last = self._stand(giver), self._stand(receiver)
+        to = last - first
+        middle = first + 0.5 * to
         bearing = float(np.arctan2(to[1], to[0]))
         level = rotation("z", bearing) @ rotation("y", np.pi / 2)
         down = rotation("z", bearing) @ rotation("x", np.pi)

@@ -21,7 +21,7 @@ def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
     own = inverse(model.flange @ mount)
     elements = (
         Element(
-            _convex_hull_mesh(part.body.vertices, own, name), read_only_copy(np.eye(4))
+            convex_hull_mesh(part.body.vertices, own, name), read_only_copy(np.eye(4))
         )
         for part in model.parts
         if part.group == "tool"
@@ -29,7 +29,14 @@ def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:
     return shape_of(name, tuple(elements))
 
 
-def _convex_hull_mesh(vertices: Array, pose: Transform, source: str) -> Mesh:
+def convex_hull_mesh(vertices: Array, pose: Transform, source: str) -> Mesh:
+    """Return the convex hull of points as a mesh.
+
+    Args:
+        vertices: the points, shape (v, 3) [m].
+        pose: of their frame in that of the mesh.
+        source: of the mesh, for messages.
+    """
     corners = vertices @ pose[:3, :3].T + pose[:3, 3]
     hull = ConvexHull(corners)
     middle = corners.mean(axis=0)

@@ -121,6 +121,11 @@ class _Robot(Entry):
     sha256: str | None
     joints: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_JOINTS)]
     frames: tuple[str, ...]
+    mounted_on: tuple[Name, ...] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {k: v for k, v in write(self).items() if k != "mounted_on" or v}
 
 
 class _Box(Entry):
@@ -244,6 +249,7 @@ def _write_robot(i: int, robot: PlacedRobot, arrays: Arrays) -> _Robot:
         sha256=description_sha256(model),
         joints=model.joint_names,
         frames=tuple(model.frames),
+        mounted_on=tuple(item.name for item in robot.mounted_on),
     )
 
 
@@ -274,15 +280,21 @@ def read_cell(
     document: CellEntry, arrays: Arrays, models: Mapping[str, RobotModel], folder: Path
 ) -> Workcell:
     """Return the cell of an entry, see ``document.read_graph``."""
+    fixtures = tuple(
+        from_entry(Fixture, entry, **own)
+        for entry, own in _read_things("fixture", "pose", document.fixtures, arrays)
+    )
     robots = tuple(
-        _read_robot(i, entry, arrays, models, folder)
+        replace(
+            _read_robot(i, entry, arrays, models, folder),
+            mounted_on=tuple(f for f in fixtures if f.name in entry.mounted_on),
+        )
         for i, entry in enumerate(document.robots)
     )
-    fixtures = _read_things("fixture", "pose", document.fixtures, arrays)
     objects = _read_things("object", "start", document.objects, arrays)
     return Workcell(
         robots,
-        tuple(from_entry(Fixture, entry, **own) for entry, own in fixtures),
+        fixtures,
         tuple(from_entry(CellObject, entry, **own) for entry, own in objects),
         from_entry(Clearances, document.clearance),
         tuple(map(machine_robot, document.machines)),

@@ -20,7 +20,7 @@ from scheduling.verification.graph_structure import Precedence
 from scheduling.verification.object_places import Carried, Resting
 from scheduling.verification.problems import Moment
 from scheduling.witness.motion import Motion
-from scheduling.witness.parts import ConvexPart, resting_parts
+from scheduling.witness.parts import ConvexPart, measure, resting_parts
 from scheduling.witness.robot import WitnessRobot
 from scheduling.witness.sweeps import SweepBounds
 
@@ -122,6 +122,7 @@ class VerifiedRobot:
         self.error = placed.base_error if error is None else error
         self.origin = placed.base[:3, 3]
         self.home = placed.home
+        self._at_home = robot.joint_frames_along(placed.home[None])[0]
         loads = [
             (c, part)
             for c in carried
@@ -184,6 +185,11 @@ class VerifiedRobot:
         pieces = self.pieces
         node, task = int(pieces.node[piece]), int(pieces.tasks[piece, 1])
         return Moment(self.name, node, task, bool(pieces.standing[piece]), body)
+
+    def touches_at_home(self, part: ConvexPart, rest: Motion) -> bool:
+        """Tell whether a part may touch a fixture that the robot is mounted on: a neighbour, or it does at HOME."""
+        gap = measure(part, self._at_home[part.joint + 1], rest.part, rest.frames[0])
+        return part.joint <= 0 or gap <= 0.0
 
     def _while_held(self, c: Carried) -> npt.NDArray[np.bool_]:
         pieces = self.pieces

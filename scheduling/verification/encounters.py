@@ -125,6 +125,7 @@ class Encounters:
         still: StillBodies,
         precedence: Precedence,
     ) -> None:
+        self._cell = cell
         self._fixtures = {fixture.name for fixture in cell.fixtures}
         self.robots, self._still, self._precedence = robots, still, precedence
         self.pairs = 0
@@ -172,17 +173,20 @@ class Encounters:
         windows = pieces_during(robot, still.resting, self._precedence)
         self.pairs += int((windows[1] - windows[0]).sum())
         limits: Array = np.full((1, len(robot.bodies)), limit)
+        mounted = {item.name for item in self._cell.robot(robot.name).mounted_on}
         for close in close_pairs(still.sweeps, robot.sweeps, windows, limits):
             groups = _groups(close, close.i, robot.which(close.y, close.j))
             for (_, k, y, m), _, pieces in groups:
                 rest, motion = still.resting[k], robot.bodies[y].motions[m]
                 if motion.part.joint < 0 and rest.object in self._fixtures:
                     continue
+                bolted = rest.object in mounted and not robot.bodies[y].load
+                if bolted and robot.touches_at_home(motion.part, still.motions[k]):
+                    continue
                 first = Side(motion, robot)
                 second = Side(still.motions[k], None, rest.tasks)
-                if (
-                    rest.hand == robot.name
-                ):  # the object is displaced together with the robot
+                # The object is displaced together with the robot.
+                if rest.hand == robot.name or rest.object in mounted:
                     first, second = (
                         first.with_errors_scaled(0.0),
                         second.with_errors_scaled(0.0),

@@ -69,7 +69,7 @@ class Resting:
         put: chain, node and waypoint that put it there, None from the start on.
         taken: chain, node and waypoint that take it away, None if it stays.
         tasks: of the robot in whose hand it rests, None when it lies in the world.
-        hand: name of that robot.
+        hand: name of that robot, or of one that is mounted on this fixture: its base error displaces it.
     """
 
     object: str
@@ -150,7 +150,15 @@ def object_histories(
         flange: see ``FlangeAt``.
     """
     carried: list[Carried] = []
-    resting = [Resting(f.name, f.pose, f.shape, None, None) for f in tpg.cell.fixtures]
+    moved_with = {
+        fixture.name: robot.name
+        for robot in reversed(tpg.cell.robots)
+        for fixture in robot.mounted_on
+    }
+    resting = [
+        Resting(f.name, f.pose, f.shape, None, None, None, moved_with.get(f.name))
+        for f in tpg.cell.fixtures
+    ]
     places = ((name, at) for name, own in object_locations(tpg).items() for at in own)
     for name, at in places:
         shape = tpg.cell.object(name).shape

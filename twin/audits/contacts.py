@@ -87,7 +87,7 @@ class Contacts:
     Args:
         case: the execution.
         allowed: contacts of its plan.
-        exempt: pairs of one robot's shapes that are not checked.
+        exempt: pairs of shapes that are not checked, see ``overlapping_at_home``.
         within: robots further apart than this are not measured [m].
         any_depth: whether allowed contacts may be of any depth.
         second: the same cell in PyBullet, which looks for overlaps at samples.
@@ -196,7 +196,7 @@ class Contacts:
         """Yield the pairs that may overlap: within each robot, and of it and things at rest."""
         for robot in range(len(stretch.robots)):
             yield from pairs_of_robot(stretch, robot, self._exempt)
-            yield from pairs_at_rest(stretch, robot)
+            yield from pairs_at_rest(stretch, robot, self._exempt)
 
     def _depths(self, stretch: RunStretch) -> AllowedDepths:
         """Return the function that returns how deep a pair may overlap at each sample."""

@@ -35,6 +35,7 @@ from twin.checks.views import (
     style_view,
     widen_rectangle,
 )
+from twin.drawing.looks import foot_position
 from twin.drawing.pictures import INK, new_picture
 from twin.host.atomic_files import save_png
 from twin.scenario.sections.scenario import Scenario
@@ -218,7 +219,7 @@ def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
         return None
     rng = np.random.default_rng(0)
     drawn = rng.uniform(model.lower, model.upper, (_SAMPLES, model.dof))
-    base = robot.base[:3, 3]
+    base = foot_position(robot)
     return max(
         float(np.linalg.norm((frame_pose(robot, q, frame)[:3, 3] - base)[:2]))
         for q in drawn
@@ -304,7 +305,7 @@ def _draw_robots(
 ) -> None:
     for number, robot in enumerate(subject.cell.robots):
         colour = _ROBOTS[number % len(_ROBOTS)]
-        base = robot.base[:3, 3]
+        base = foot_position(robot)
         radius = reaches[robot.name]
         if view.eye == 2 and radius is not None:
             area.add_patch(

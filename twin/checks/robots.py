@@ -67,10 +67,22 @@ def check_homes(subject: CheckContext) -> Findings:
         if pair not in seen:
             yield Finding(
                 at,
-                f"{robot.name} cannot stand at HOME: {contact}; {_remedy(subject, robot, state)}",
+                f"{robot.name} cannot stand at HOME: {contact};"
+                f" {_apart(subject, pair) or _remedy(subject, robot, state)}",
                 error=True,
             )
         seen.add(pair)
+
+
+def _apart(subject: CheckContext, owners: frozenset[str]) -> str | None:
+    """Return a remedy for arms of one description with different bases; None for anything else."""
+    files = {r.name: r.model for r in subject.scenario.cell.robots if r.name in owners}
+    if len(files) < 2 or len(set(files.values())) > 1:
+        return None
+    one, other = (subject.built.robot(name) for name in files)
+    if not set(one.model.joint_names).isdisjoint(other.model.joint_names):
+        return None
+    return f"{one.name} and {other.name} are arms of one description: give both the same base"
 
 
 def _remedy(subject: CheckContext, robot: PlacedRobot, state: WorldState) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import BaseModel
 
+from planning.errors import FittingError
 from twin.checks.finding import CheckContext, Finding, Findings
 from twin.checks.usual_range import UsualRange, usual_duration
 from twin.document.section import iterate_nested
@@ -19,6 +20,7 @@ from twin.durations.model import DurationModel
 from twin.durations.normal import TruncatedNormal
 from twin.planning.fitted_robots import fitted_model
 from twin.scenario.sections.cell import LimitsSection
+from twin.uncertainty.disturbances import MachineBreakdowns
 
 _RANGES: Mapping[str, UsualRange] = {
     # Robots, tools and grips.
@@ -173,11 +175,15 @@ def check_rates(subject: CheckContext) -> Findings:
     """Yield robots and machines that stand longer than they work."""
     execution = subject.scenario.execution
     for path, own in iterate_nested(execution, ("execution",)):
-        mtbf, mttr = getattr(own, "mtbf_s", None), getattr(own, "mttr_s", None)
-        if mtbf is not None and mttr is not None and mttr > mtbf:
+        if not isinstance(own, MachineBreakdowns):
+            continue
+        found = own.located(subject.folder)
+        mtbf, mttr = found.between.mean, found.repair.mean
+        if mttr > mtbf:
+            key = "mttr" if own.mttr_s is None else "mttr_s"
             yield Finding(
-                (*path, "mttr_s"),
-                f"mttr_s {mttr:g} s is longer than mtbf_s {mtbf:g} s: under repair for more than half of the time;"
+                (*path, key),
+                f"{key} {mttr:g} s is longer than mtbf_s {mtbf:g} s: under repair for more than half of the time;"
                 " usual is less than a tenth of mtbf_s",
             )
     stalls = execution.stalls
@@ -201,7 +207,10 @@ def check_physics(subject: CheckContext) -> Findings:
         if robot.limits.velocity is None:
             continue
         bare = robot.changed(limits=LimitsSection())
-        described = fitted_model(bare, cell.tools, subject.folder).velocity
+        try:
+            described = fitted_model(bare, cell, subject.folder).velocity
+        except FittingError:  # the description has no speeds
+            continue
         model = subject.built.robot(robot.name).model
         ratio = model.velocity / np.maximum(described, 1e-9)
         k = int(np.argmax(ratio))

@@ -9,8 +9,11 @@ import copy
 from collections.abc import Iterable, Iterator
 from xml.etree import ElementTree
 
+import numpy as np
+
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.robots.descriptions.xml_files import find_mesh
+from planning.transforms import Array
 
 _PAINTED = 0.6
 """Least colour saturation of the robot parts that are repainted in the robot's colour."""
@@ -91,14 +94,28 @@ def _saturation(channels: tuple[float, ...]) -> float:
     return (bright - min(channels)) / bright if bright > 0.2 else 0.0
 
 
+def foot_position(robot: PlacedRobot) -> Array:
+    """Return the origin of a robot's base; of its first joint where others have that base, shape (3,) [m]."""
+    foot = robot.base
+    if robot.mounted_on:
+        foot = foot @ robot.model.chain.placement[0]
+    return np.asarray(foot[:3, 3])
+
+
 def coloured_fixtures(
     cell: Workcell,
 ) -> Iterator[tuple[Fixture, tuple[int, int, int]]]:
-    """Yield the fixtures of a cell with their colours, 0 to 255: their own, or greys."""
+    """Yield the fixtures of a cell with their colours, 0 to 255: their own, or greys.
+
+    Links of robots are drawn with the first of these.
+    """
     ground, *others = _GREYS
+    links = {item for robot in cell.robots for item in robot.mounted_on}
     for k, fixture in enumerate(cell.fixtures):
         # The first one, mostly the table, differs from all that stand on it.
         grey = ground if k == 0 else others[(k - 1) % len(others)]
+        if fixture in links:
+            continue
         yield fixture, fixture.colour or grey
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,8 @@ from planning.kinematics.kinematics import frame_pose
 from planning.transforms import read_only_copy
 from twin.planning.fitted_robots import fitted_model
 from twin.planning.shapes import build_shape
-from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
+from twin.registry import HOOKS
+from twin.scenario.sections.cell import CellSection, LimitsSection, RobotSection
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import FixtureSection, Scenario
 from twin.scenario.sections.shapes import to_planning_class
@@ -48,19 +48,27 @@ def build_workcell(
     """
     assembly = kind or assembly_kind(scenario.assembly)
     robots = tuple(
-        _within_limits(scenario, r.limits, _robot(r, scenario.cell.tools, folder))
+        _within_limits(scenario, r.limits, _robot(r, scenario.cell, folder))
         for r in scenario.cell.robots
     )
+    fixtures = (
+        *(_fixture(f, folder) for f in scenario.cell.fixtures),
+        *assembly.fixtures(),
+    )
+    objects = (
+        *assembly.objects(folder),
+        *(tool.item for robot in robots for tool in robot.tools),
+    )
+    if "shared bodies" in HOOKS:
+        taken = {r.name for r in robots} | {f.name for f in fixtures}
+        taken |= {o.name for o in objects}
+        mount = HOOKS.load("shared bodies")
+        robots, bodies = mount(robots, scenario.cell, folder, taken)
+        fixtures += bodies
     return Workcell(
         robots=robots,
-        fixtures=(
-            *(_fixture(f, folder) for f in scenario.cell.fixtures),
-            *assembly.fixtures(),
-        ),
-        objects=(
-            *assembly.objects(folder),
-            *(tool.item for robot in robots for tool in robot.tools),
-        ),
+        fixtures=fixtures,
+        objects=objects,
         clearances=to_planning_class(
             Clearances,
             scenario.cell.clearance,
@@ -91,11 +99,8 @@ def _within_limits(
     return dataclasses.replace(robot, limits=limits)
 
 
-def _robot(
-    section: RobotSection, tools: Mapping[str, ToolSection], folder: Path
-) -> PlacedRobot:
-
-    model = fitted_model(section, tools, folder)
+def _robot(section: RobotSection, cell: CellSection, folder: Path) -> PlacedRobot:
+    model = fitted_model(section, cell, folder)
     if section.frames:
         own = {name: pose.transform() for name, pose in section.frames.items()}
         model = dataclasses.replace(model, frames={**model.frames, **own})
@@ -120,7 +125,7 @@ def _robot(
         robot = dataclasses.replace(robot, base_error=error)
     if not section.tools:
         return robot
-    changed = tuple(_rack_tool(robot, item, tools, folder) for item in section.outfits)
+    changed = tuple(_rack_tool(robot, item, cell, folder) for item in section.outfits)
     own_frames = {
         f"{tool.name}/{name}": pose
         for tool in changed
@@ -133,16 +138,16 @@ def _robot(
 def _rack_tool(
     robot: PlacedRobot,
     section: RobotSection,
-    tools: Mapping[str, ToolSection],
+    cell: CellSection,
     folder: Path,
 ) -> RackTool:
     """Return an exchangeable tool; a mounted one is at the robot's flange."""
     from planning.robots.tool_shape import tool_shape
 
     name = str(section.tool)
-    own = tools[name]
+    own = cell.tools[name]
     assert own.rack is not None
-    model = fitted_model(section, tools, folder)
+    model = fitted_model(section, cell, folder)
     mount, rack = own.mount.transform(), own.rack.transform()
     shape = tool_shape(name, model, mount)
     start = frame_pose(robot, robot.home) @ mount if robot.tool == name else rack

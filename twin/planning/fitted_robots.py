@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from planning.cell.robot_model import RobotModel
@@ -13,44 +13,51 @@ from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import BY_JOINT, GivenLimits
 from planning.robots.registry import robot_model, with_tool
 from twin.planning.shapes import build_shape
-from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
+from twin.registry import HOOKS
+from twin.scenario.sections.cell import (
+    CellSection,
+    LimitsSection,
+    RobotSection,
+    ToolSection,
+)
 from twin.scenario.sections.shapes import ShapeSection, to_planning_class
 
 
-def fitted_model(
-    robot: RobotSection, tools: Mapping[str, ToolSection], folder: Path
-) -> RobotModel:
+def fitted_model(robot: RobotSection, cell: CellSection, folder: Path) -> RobotModel:
     """Return a robot model with the scenario's additions; without a tool if the robot changes tools.
 
     Args:
         robot: of the cell.
-        tools: of the cell, by name.
+        cell: the cell.
         folder: where relative paths start.
 
     Raises:
         FittingError: an addition does not fit; the message names the key.
         RobotModelError: the description of the robot cannot be used.
     """
+    tools, fitting = cell.tools, robot_fitting(robot, cell, folder)
     if robot.tools:
-        return robot_model(robot.model, folder, _fitting(robot, bare=True))
+        return robot_model(robot.model, folder, replace(fitting, bare=True))
     own = tools.get(robot.tool or "")
     if own is None and robot.tool is not None:
         robot_model(robot.model, folder)  # a missing model is reported first
     model = robot.model if own else with_tool(robot.model, robot.tool, tuple(tools))
     tool = build_tool(str(robot.tool), own, folder) if own else None
-    return robot_model(model, folder, _fitting(robot, tool))
+    return robot_model(model, folder, replace(fitting, tool=tool))
 
 
-def _fitting(
-    robot: RobotSection, tool: Tool | None = None, *, bare: bool = False
-) -> Fitting:
-    return Fitting(
-        tool=tool,
-        bare=bare,
-        flange=robot.flange,
-        held=robot.joints,
-        limits=build_limits(robot.limits),
-    )
+def robot_fitting(robot: RobotSection, cell: CellSection, folder: Path) -> Fitting:
+    """Return the changes to the description of a robot, but for its tools.
+
+    Raises:
+        FittingError: it contradicts another robot of the same description.
+    """
+    limits = build_limits(robot.limits)
+    fitting = Fitting(flange=robot.flange, held=robot.joints, limits=limits)
+    if "other arms" not in HOOKS:
+        return fitting
+    found: Fitting = HOOKS.load("other arms")(fitting, robot, cell, folder)
+    return found
 
 
 def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:

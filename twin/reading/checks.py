@@ -191,10 +191,10 @@ def _check_robots(cell: CellSection, folder: Path) -> Problems:
     for i, robot in _distinct_robots(cell):
         own = robot
         try:
-            model = fitted_model(robot, cell.tools, folder)
+            model = fitted_model(robot, cell, folder)
             for own in robot.outfits if robot.tools else ():
                 if own.tool in cell.tools:
-                    fitted_model(own, cell.tools, folder)
+                    fitted_model(own, cell, folder)
         except FittingError as error:
             at = _place(cell, i, error.key)
             if error.key == "tool" and own.tool in cell.tools:
@@ -270,6 +270,11 @@ def _check_robot_names(scenario: Scenario) -> Problems:
     names = [robot.name for robot in scenario.cell.robots]
     for path, name in scenario.execution.named_robots():
         yield from check_known_name(("execution", *path), "robot", name, names)
+    for path, name in scenario.execution.named_workers():
+        what = "robot or machine" if machines else "robot"
+        yield from check_known_name(
+            ("execution", *path), what, name, (*names, *machines)
+        )
     outages, late = scenario.execution.outages, scenario.execution.late
     works = tuple(scenario.kind.working_machines())
     for i, item in enumerate(outages):

@@ -97,7 +97,8 @@ def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> Urdf
             indexes=[time_column([0])],
             columns=joints[name].compute_transform_columns([value], clamp=False),
         )
-    foot = joints[names[3 if robot.model.is_mobile else 0]].parent_link
+    first = joints[names[3 if robot.model.is_mobile else 0]]
+    foot = first.child_link if robot.mounted_on else first.parent_link
     rec.log(
         name_entity(robot.name),
         rr.CoordinateFrame(_link_frame(robot.name, foot)),

@@ -11,6 +11,7 @@ from planning.cell.workcell import CellObject, PlacedRobot
 from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.drawing.looks import foot_position
 
 _TAN_HALF_VIEW = 0.5206  # tangent of half the vertical angle of view, 55 degrees
 _ASPECT = 1.75  # aspect ratio of the 3-D view in a typical window
@@ -118,7 +119,7 @@ def _directions(tpg: TemporalPlanGraph) -> list[Array]:
         turns = np.concatenate([_SITE_TURNS, _SITE_TURNS + math.pi])
         slope = _SITE_SLOPE
     else:
-        bases = [robot.base[:2, 3] for robot in tpg.cell.robots]
+        bases = [foot_position(robot)[:2] for robot in tpg.cell.robots]
         line = bases[-1] - bases[0] if bases else np.zeros(2)
         along = math.atan2(line[1], line[0]) if np.linalg.norm(line) > 1e-6 else 0.0
         turns, slope = np.array([_ARMS_TURN]), _ARMS_SLOPE

@@ -7,7 +7,7 @@ constant value becomes a fixed joint, and so do all joints that mimic it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -77,9 +77,13 @@ class Fitting:
         tool: the mounted tool; None for the robot's own.
         bare: whether nothing is mounted, not even the robot's own tool: its tools are handled as objects,
             which may touch the bodies behind its last joint.
-        flange: link whose frame is the flange; None for the one given in the description.
+        flange: link whose frame is the flange; None for the one given in the description. Of a description that
+            branches, the joints that do not lead there are held.
         held: joints of the description that are held, with their values [rad or m].
         limits: joint limits that replace those of the description.
+        removed: links of other robots in the same description, which are removed with all that hangs on them.
+        emptied: links that the robot shares with those, whose shapes are fixtures of the cell.
+        looks: whether these links are drawn with the robot.
     """
 
     tool: Tool | None = None
@@ -87,6 +91,9 @@ class Fitting:
     flange: str | None = None
     held: Mapping[str, float] = field(default_factory=dict)
     limits: GivenLimits = field(default_factory=GivenLimits)
+    removed: frozenset[str] = frozenset()
+    emptied: frozenset[str] = frozenset()
+    looks: bool = False
 
     @property
     def is_nothing(self) -> bool:
@@ -228,21 +235,28 @@ def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
         _fix(joints[name], value, f"{path}: joint {name!r}")
 
 
-def hold_all_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
-    """Fix all joints: those without a value at zero, or at the nearest limit."""
+def hold_all_joints(
+    root: Element,
+    path: Path,
+    values: Mapping[str, float],
+    moving: Collection[str] = (),
+) -> None:
+    """Fix all joints but those that move: those without a value at zero, or at the nearest limit."""
     held = dict(values)
     for joint in root.findall("joint"):
         name = str(joint.get("name"))
-        if joint.get("type") == "fixed" or joint.find("mimic") is not None:
+        fixed = joint.get("type") == "fixed" or joint.find("mimic") is not None
+        if fixed or name in moving:
             continue
         lower, upper = _range(joint, f"{path}: joint {name!r}")
         held.setdefault(name, min(max(0.0, lower), upper))
     hold_joints(root, path, held)
     for name in _free_joints(root):
-        raise RobotModelError(
-            f"{path}: joint {name!r} mimics a joint that is not there; name it among the joints that"
-            " are held"
-        )
+        if name not in moving:
+            why = "that is not there" + (" or that the arm moves" if moving else "")
+            raise RobotModelError(
+                f"{path}: joint {name!r} mimics a joint {why}; name it among the joints that are held"
+            )
 
 
 def _free_joints(root: Element) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ description of a vendor.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
@@ -181,8 +181,12 @@ def fitted_description(
     dirs = search_folders(path, package_dirs)
     known = written_options(root) or options
     checked_tree(root, path, dirs, free_kinds(root))
+    _take_off(root, fitting.removed, "", path)
+    _empty(root, fitting.emptied, looks=fitting.looks)
     with _located_errors("joints", bool(fitting.held)):
         hold_joints(root, path, {**known.frozen, **fitting.held})
+    if fitting.flange is not None:
+        _hold_branches(root, path, dirs, fitting.flange)
     with _located_errors("limits", fitting.limits != GivenLimits()):
         _write_limits(root, path, known, fitting.limits)
     _complete_limits(root)
@@ -214,6 +218,36 @@ def fitted_description(
     _tidy(root)
     write_options(root, replace(known, flange_link=flange))
     return root
+
+
+def _empty(root: Element, links: Collection[str], *, looks: bool) -> None:
+    """Remove the shapes of some links; what shows is kept for looks."""
+    for link in (own for own in root.findall("link") if own.get("name") in links):
+        visuals = link.findall("visual")
+        for shape in link.findall("collision"):
+            if looks and not visuals:
+                shape.tag = "visual"
+            else:
+                link.remove(shape)
+        for shape in () if looks else visuals:
+            link.remove(shape)
+
+
+def _hold_branches(
+    root: Element, path: Path, dirs: Sequence[Path], flange: str
+) -> None:
+    """Fix the joints that do not lead to the flange.
+
+    Raises:
+        FittingError: nothing moves such a link, or a joint beside the chain follows one of it.
+    """
+    tree = checked_tree(root, path, dirs, free_kinds(root))
+    moved = [k for k in tree.parents if tree.moving.keys() & tree.joints_to(k)]
+    if flange not in moved:
+        words = f"{path}: {flange!r} is no link that a joint moves"
+        raise FittingError(words, key="flange", choices=tuple(moved))
+    with _located_errors("joints", True):
+        hold_all_joints(root, path, {}, tree.joints_to(flange))
 
 
 @contextmanager

@@ -140,6 +140,14 @@ class LinkTree:
         """Return the link that a joint moves."""
         return next(c for c, (_, name) in self.parents.items() if name == joint)
 
+    def joints_to(self, link: str) -> tuple[str, ...]:
+        """Return the names of the joints between the root and a link, the link's own first."""
+        out = []
+        while link in self.parents:
+            link, joint = self.parents[link]
+            out.append(joint)
+        return tuple(out)
+
 
 @dataclass(frozen=True)
 class UrdfFile(LinkTree):
@@ -307,11 +315,13 @@ def _chain_order(
     while len(order) < len(above):
         following = [joint for joint, upper in above.items() if upper == last]
         if len(following) > 1:
+            bearing = {parent for parent, _ in parents.values()}
             raise RobotModelError(
                 f"{path}: the chain branches at joints "
                 + " and ".join(repr(joint) for joint in following[:2])
-                + "; only serial arms are supported: hold what is not of the arm, such as fingers,"
-                f" with 'joints: {{{': 0.0, '.join(following)}: 0.0}}'"
+                + "; hold what is not of the arm, such as fingers, with 'joints', or name its 'flange',"
+                " and all that does not lead there stands still",
+                choices=tuple(link for link in parents if link not in bearing),
             )
         last = following[0]
         order.append(last)

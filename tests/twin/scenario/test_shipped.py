@@ -24,6 +24,7 @@ FILES: dict[str, set[str]] = {
     "shapes": {"shapes_housing.stl"},
     "gearbox": set(),
     "machine_tending": {"tools/gripper.urdf"},
+    "torso": {"torso.urdf"},
 }
 """Scenarios that name files, with some of them."""
 

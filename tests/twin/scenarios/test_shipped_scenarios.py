@@ -1,4 +1,4 @@
-"""The bundled cliff, boat of rods, task board, gearbox and shapes, from their files to clean runs."""
+"""The bundled cliff, boat of rods, arch of a torso, task board, gearbox and shapes, from their files to clean runs."""
 
 import json
 from pathlib import Path
@@ -20,7 +20,7 @@ from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.scenario import resolve_scenario, restore_scenario
 from twin.verification.standing_states import audit_standing_states
 
-CLIFF, BOAT = "lego/cliff", "multi_arm/assembly"
+CLIFF, BOAT, TORSO = "lego/cliff", "multi_arm/assembly", "multi_arm/torso"
 BOARD, GEARBOX, SHAPES = "assembly/taskboard", "assembly/gearbox", "assembly/shapes"
 
 
@@ -29,6 +29,7 @@ BOARD, GEARBOX, SHAPES = "assembly/taskboard", "assembly/gearbox", "assembly/sha
     [
         (CLIFF, 100_000, 2_000, 0.75),
         pytest.param(BOAT, 10_000, 4_000, 0.5, marks=pytest.mark.nightly),
+        pytest.param(TORSO, 10_000, 2_000, 0.6, marks=pytest.mark.nightly),
         pytest.param(BOARD, 0, 0, 1.0, marks=pytest.mark.nightly),
         pytest.param(GEARBOX, 0, 0, 1.0, marks=pytest.mark.nightly),
         pytest.param(SHAPES, 0, 500, 1.0, marks=pytest.mark.nightly),

@@ -155,12 +155,15 @@ def pairs_of_robot(
             )
 
 
-def pairs_at_rest(stretch: RunStretch, robot: int) -> Iterator[ClosePair]:
+def pairs_at_rest(
+    stretch: RunStretch, robot: int, exempt: Collection[tuple[int, int]]
+) -> Iterator[ClosePair]:
     """Yield pairs of a shape of a robot, or of what it holds, and one at rest that may overlap.
 
     Args:
         stretch: the piece of the run.
         robot: number of the robot.
+        exempt: pairs of a robot's shape and one at rest that are not checked, see ``overlapping_at_home``.
     """
     moving, still = stretch.robots[robot], stretch.still
     count = len(still.motions)
@@ -173,9 +176,12 @@ def pairs_at_rest(stretch: RunStretch, robot: int) -> Iterator[ClosePair]:
         close = Close(close.y, close.i, close.j, close.x)
         for i, j, which in close.by_bodies():
             pieces = close.i[which]
+            mine, other = stretch.shapes[robot][i], stretch.resting[j][0]
+            if (mine.number, other.number) in exempt:
+                continue
             yield ClosePair(
-                stretch.shapes[robot][i],
-                stretch.resting[j][0],
+                mine,
+                other,
                 moving.motions[i],
                 still.motions[j],
                 pieces,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import coal
@@ -281,10 +281,11 @@ def shapes_by_entity(shapes: Iterable[WatchedShape]) -> dict[str, list[WatchedSh
 
 
 def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
-    """Return pairs of a robot's own shapes (indices of ``robot_shapes``) that are not checked.
+    """Return pairs of a robot's own shapes, by their numbers, that are not checked.
 
     Shapes of one link or of neighbouring links touch by design. HOME is free of collisions, so shapes that overlap
-    there do so only because hulls are larger than their contents.
+    there do so only because hulls are larger than their contents. Fixtures that a robot is mounted on are links
+    before its first joint.
     """
     for index, robot in enumerate(world.cell.robots):
         world.configure(index, robot.home)
@@ -294,4 +295,10 @@ def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
             touching = abs(a.joint - b.joint) <= 1
             if touching or world.distance(a, b, 1.0) <= 0.0:
                 out.add((i, j))
+    for a, b in product(world.robot_shapes, world.fixtures):
+        assert a.robot is not None
+        mounted = {item.name for item in world.cell.robots[a.robot].mounted_on}
+        bolted = b.entity in mounted
+        if bolted and (a.joint <= 0 or world.distance(a, b, 1.0) <= 0.0):
+            out.add((a.number, b.number))
     return frozenset(out)

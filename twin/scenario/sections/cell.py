@@ -218,10 +218,11 @@ class RobotSection(Section):
             default: the one that the model names.
         tools: tools of the cell that it changes at their racks, in place of ``tool``; it has the
             first on it at the start.
-        flange: link whose frame is the flange; default: tool0, else flange, else the last link.
+        flange: link whose frame is the flange, where its chain ends; default: tool0, else flange, else
+            the last link. Robots of one model and base with different flanges are arms of one body.
         limits: of its joints, in place of the model's.
         joints: joints of the model that are held, such as fingers, and at what values [rad or m];
-            what mimics one follows.
+            what mimics one follows. What does not lead to the flange is held in any case.
         frames: tool frames, each a pose in the flange frame; they replace the model's.
         repeatability_m: of its positioning, RP of ISO 9283, with which it puts parts where they
             fit; how often they do is not looked at when not given.

@@ -163,7 +163,7 @@ def test_z_points_out_of_the_flange_that_is_chosen() -> None:
 @pytest.mark.parametrize(
     ("fitting", "key", "words"),
     [
-        (Fitting(flange="hand"), "flange", "'hand' is no link on the last joint"),
+        (Fitting(flange="hand"), "flange", "'hand' is no link that a joint moves"),
         (Fitting(held={"thumb": 0.0}), "joints", "has no joint 'thumb' to hold"),
         (
             Fitting(held={"lbr_iiwa_joint_2": 9.0}),

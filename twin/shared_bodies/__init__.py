@@ -1,0 +1,1 @@
+"""Robots that share one description: which links each of them moves, and the links that none of them moves."""
