@@ -12,7 +12,7 @@ until they do not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -20,7 +20,12 @@ import numpy as np
 from planning.caches import BoundedCache
 from planning.disassembly.body import AssemblyBody
 from planning.disassembly.reduced_surface import surface_of
-from planning.disassembly.triangle_tree import TriangleView, rises_above, view_of
+from planning.disassembly.triangle_tree import (
+    TriangleView,
+    greatest_rise,
+    rises_above,
+    view_of,
+)
 from planning.errors import ShapeError
 from planning.transforms import Array
 
@@ -30,14 +35,17 @@ REDUCTION = 1e-5
 DEEPEST_PRESS = 1.28e-3
 """Bodies that are deeper in each other are refused [m]."""
 
+CLEAR = 1e-3
+"""Bodies are clear of each other at this distance [m]."""
+
 _SKEW = np.array([0.3571, 0.4829, 0.7995])
 """A direction to which hardly any face is parallel."""
 
 _FLAT = 1e-6
 """Faces whose normal is closer to perpendicular to a direction, as a cosine, have no area along it."""
 
-_MOST_VIEWS = 256
-"""Views of bodies that are kept."""
+_MOST_SEEN = 6_000_000
+"""Triangles in the views of bodies that are kept, about 60 bytes each."""
 
 
 class Blocking:
@@ -53,7 +61,10 @@ class Blocking:
     def __init__(self, bodies: Sequence[AssemblyBody]) -> None:
         self.names = tuple(body.name for body in bodies)
         self.surfaces = {body.name: surface_of(body) for body in bodies}
-        self._views: BoundedCache[TriangleView] = BoundedCache(_MOST_VIEWS)
+        most = max(len(surface.faces) for surface in self.surfaces.values())
+        self._views: BoundedCache[TriangleView] = BoundedCache(
+            max(64, _MOST_SEEN // most)
+        )
         self._known: dict[tuple[str, str, bytes], bool] = {}
         self._boxes = {
             name: (own.vertices.min(axis=0), own.vertices.max(axis=0))
@@ -86,6 +97,19 @@ class Blocking:
             by = 0.5 * self.pressed.get(frozenset((other, body)), 2.0 * REDUCTION)
             self._known[key] = self._meets(body, other, direction, by)
         return self._known[key]
+
+    def clear_length(self, body: str, others: Iterable[str], direction: Array) -> float:
+        """Return the length of a free straight motion after which a body stays clear of others [m].
+
+        Args:
+            body: what leaves.
+            others: what is there and not in its way.
+            direction: unit vector along which it leaves, shape (3,).
+        """
+        rear = self._view(body, direction, 0.0, front=False)
+        fronts = (self._view(o, direction, 0.0, front=True) for o in others)
+        rises = (greatest_rise(rear, front, CLEAR) for front in fronts)
+        return max(rises, default=0.0) + CLEAR
 
     def _meets(self, body: str, other: str, direction: Array, by: float) -> bool:
         rear = self._view(body, direction, by, front=False)

@@ -8,6 +8,7 @@ that a pin fits into a bore of its own diameter however coarse both are.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from planning.disassembly.body import AssemblyBody
 from planning.disassembly.triangle_tree import TriangleTree, build_tree
 from planning.errors import ShapeError
 from planning.transforms import Array, Indices
+
+if TYPE_CHECKING:
+    import trimesh
 
 SMOOTH = np.radians(40.0)
 """Facets that are turned from each other by less approximate a rounding."""
@@ -24,6 +28,9 @@ _MOST_TRIANGLES = 400_000
 
 _LONGEST = 4.0
 """Greatest displacement of a vertex, as a multiple of that of its planes."""
+
+_FLAT = 1e-4
+"""Triangles that are turned from each other by less are in one plane [rad]."""
 
 _DEPENDENT = 0.01
 """Normals at a vertex are dependent if an eigenvalue of the sum of their squares is a smaller share of the greatest."""
@@ -38,6 +45,8 @@ class Surface:
         faces: triangles, corners counter-clockwise seen from outside, shape (f, 3).
         normals: outward unit normals of the triangles, shape (f, 3).
         inward: displacement of the vertices that moves the planes at them by 1 into the body, shape (v, 3).
+        pairs: triangles that share an edge, shape (e, 2).
+        bends: angles between their normals, negative at concave edges, shape (e,) [rad].
         chord: what is added to the distance by which the planes at a vertex are moved, shape (v,) [m].
         tree: boxes around the triangles.
     """
@@ -46,6 +55,8 @@ class Surface:
     faces: Indices
     normals: Array
     inward: Array
+    pairs: Indices
+    bends: Array
     chord: Array
     tree: TriangleTree
 
@@ -78,13 +89,16 @@ def surface_of(body: AssemblyBody) -> Surface:
         raise ShapeError(f"{body.name} has no volume")
     vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, np.int64)
     normals = np.array(mesh.face_normals)
-    inward = _inward(vertices, faces, normals, np.array(mesh.face_angles))
+    convex = np.asarray(mesh.face_adjacency_convex)
+    bends = np.where(convex, 1.0, -1.0) * np.asarray(mesh.face_adjacency_angles)
     return Surface(
         vertices,
         faces,
         normals,
-        inward,
-        _chord_errors(mesh, len(vertices)),
+        _inward(vertices, faces, normals, np.asarray(mesh.face_angles)),
+        np.asarray(mesh.face_adjacency),
+        bends,
+        _chord_errors(mesh, bends),
         build_tree(vertices, faces),
     )
 
@@ -107,18 +121,14 @@ def _inward(vertices: Array, faces: Indices, normals: Array, angles: Array) -> A
     return np.asarray(out * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-12)))
 
 
-def _chord_errors(mesh: object, count: int) -> Array:
+def _chord_errors(mesh: trimesh.Trimesh, bends: Array) -> Array:
     """Return the greatest distance of concave chords at each vertex from the arc that they approximate [m]."""
-    import trimesh
-
-    assert isinstance(mesh, trimesh.Trimesh)
-    out = np.zeros(count)
-    angle = np.asarray(mesh.face_adjacency_angles)
-    bent = ~np.asarray(mesh.face_adjacency_convex) & (angle > 1e-4) & (angle < SMOOTH)
+    out = np.zeros(len(mesh.vertices))
+    bent = (bends < -_FLAT) & (bends > -SMOOTH)
     edges = np.asarray(mesh.face_adjacency_edges)[bent]
     length = np.linalg.norm(np.diff(mesh.vertices[edges], axis=1)[:, 0], axis=1)
     area = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)[bent]]
     width = 2.0 * area.min(axis=1) / np.maximum(length, 1e-12)
-    error = 0.5 * width * np.tan(0.25 * angle[bent])
+    error = 0.5 * width * np.tan(-0.25 * bends[bent])
     np.maximum.at(out, edges, error[:, None])
     return out

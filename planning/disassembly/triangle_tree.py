@@ -23,8 +23,8 @@ CERTAIN = 1e-7
 _SLIVER = 1e-13
 """Smaller areas of overlap count as touching [m^2]."""
 
-_DEEPEST = 512
-"""Rows of the stack of a search: more than twice the levels of two trees are never needed."""
+DEEPEST = 256
+"""Rows of the stack of a search: more than one for each level of both trees are never needed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +94,16 @@ def view_of(tree: TriangleTree, points: Array, counts: Array) -> TriangleView:
 
 
 @inner_kernel
-def overlap_heights(a: Array, b: Array, work: Array, other: Array, out: Array) -> int:
+def overlap_heights(
+    a: Array, b: Array, room: float, work: Array, other: Array, out: Array
+) -> int:
     """Compare the heights of two triangles where one is above the other.
 
     Args:
         a, b: corners, the third coordinate is the height, shape (3, 3) [m].
-        work, other: room for corners, shape (9, 3).
-        out: takes the least and the greatest height of b above a, and the area of the overlap, shape (3,).
+        room: how much a is wider on all sides, in its plane but nowhere lower than it is [m].
+        work, other: room for corners, shape (10, 3).
+        out: takes the least and the greatest height of b above a [m], and the area of the overlap, shape (3,).
 
     Returns:
         The number of corners of their overlap, 0 for none; they are in ``work``, on b.
@@ -115,13 +118,26 @@ def overlap_heights(a: Array, b: Array, work: Array, other: Array, out: Array) -
     for k in range(3):
         for x in range(3):
             work[k, x] = b[k, x]
-    for k in range(3):
-        after = (k + 1) % 3
-        ex, ey = side * (a[after, 0] - a[k, 0]), side * (a[after, 1] - a[k, 1])
+    # Three edges, and with room the four sides of the box around them, since corners may be acute.
+    for k in range(3 if room == 0.0 else 7):
+        if k < 3:
+            after = (k + 1) % 3
+            px, py = a[k, 0], a[k, 1]
+            ex, ey = side * (a[after, 0] - px), side * (a[after, 1] - py)
+            margin = room * np.sqrt(ex * ex + ey * ey)
+        else:
+            sign = 1.0 if k < 5 else -1.0
+            px, py = a[0, 0], a[0, 1]
+            for c in range(1, 3):
+                px = sign * min(sign * px, sign * a[c, 0])
+                py = sign * min(sign * py, sign * a[c, 1])
+            ex, ey = (sign, 0.0) if k % 2 == 1 else (0.0, -sign)
+            margin = room
         kept = 0
-        last = ex * (work[count - 1, 1] - a[k, 1]) - ey * (work[count - 1, 0] - a[k, 0])
+        n = count - 1
+        last = ex * (work[n, 1] - py) - ey * (work[n, 0] - px) + margin
         for n in range(count):
-            here = ex * (work[n, 1] - a[k, 1]) - ey * (work[n, 0] - a[k, 0])
+            here = ex * (work[n, 1] - py) - ey * (work[n, 0] - px) + margin
             if (here > 0.0) != (last > 0.0):
                 before = n - 1 if n > 0 else count - 1
                 share = last / (last - here)
@@ -141,14 +157,14 @@ def overlap_heights(a: Array, b: Array, work: Array, other: Array, out: Array) -
                 work[n, x] = other[n, x]
         if count < 3:
             return 0
+    lowest = min(a[0, 2], a[1, 2], a[2, 2])
     least, most, area = np.inf, -np.inf, 0.0
     for n in range(count):
         px, py = work[n, 0] - a[0, 0], work[n, 1] - a[0, 1]
         s = (px * (a[2, 1] - a[0, 1]) - py * (a[2, 0] - a[0, 0])) / turn
         t = ((a[1, 0] - a[0, 0]) * py - (a[1, 1] - a[0, 1]) * px) / turn
-        height = (
-            work[n, 2] - a[0, 2] - s * (a[1, 2] - a[0, 2]) - t * (a[2, 2] - a[0, 2])
-        )
+        below = a[0, 2] + s * (a[1, 2] - a[0, 2]) + t * (a[2, 2] - a[0, 2])
+        height = work[n, 2] - max(below, lowest)
         least, most = min(least, height), max(most, height)
         m = n + 1 if n + 1 < count else 0
         area += 0.5 * (
@@ -159,11 +175,18 @@ def overlap_heights(a: Array, b: Array, work: Array, other: Array, out: Array) -
     return count
 
 
-@inner_kernel
-def _take(points: Array, corners: Indices, row: int, out: Array) -> None:
-    for k in range(3):
-        for x in range(3):
-            out[k, x] = points[corners[row, k], x]
+def greatest_rise(lower: TriangleView, upper: TriangleView, room: float = 0.0) -> float:
+    """Return by how much triangles of one view are at most higher than those of another in the same frame [m].
+
+    Args:
+        lower, upper: triangles in a frame whose third axis is the height.
+        room: how much wider the triangles of the first are [m].
+
+    Returns:
+        The greatest height of the upper above the lower ones where they overlap; 0 if it is not positive.
+    """
+    found = _greatest_rise(*_arrays(lower), *_arrays(upper), room, np.inf, False)
+    return float(found)
 
 
 def rises_above(
@@ -175,15 +198,22 @@ def rises_above(
         lower, upper: triangles in a frame whose third axis is the height.
         crosses: whether the same two triangles must elsewhere be the other way about.
     """
-    return _rises_above(*_arrays(lower), *_arrays(upper), crosses)
+    return _greatest_rise(*_arrays(lower), *_arrays(upper), 0.0, 0.0, crosses) > 0.0
 
 
 def _arrays(view: TriangleView) -> tuple[Any, Any, Any, Any]:
     return view.points, view.corners, view.counts, view.boxes
 
 
+@inner_kernel
+def _take(points: Array, corners: Indices, row: int, out: Array) -> None:
+    for k in range(3):
+        for x in range(3):
+            out[k, x] = points[corners[row, k], x]
+
+
 @kernel
-def _rises_above(
+def _greatest_rise(
     a_points: Array,
     a_corners: Indices,
     a_counts: Array,
@@ -192,24 +222,28 @@ def _rises_above(
     b_corners: Indices,
     b_counts: Array,
     b_boxes: Array,
+    room: float,
+    enough: float,
     crosses: bool,
-) -> bool:
+) -> float:
+    """Return the greatest height of b above a, or one that is more than enough."""
     a_leaves, b_leaves = (len(a_boxes) + 1) // 2, (len(b_boxes) + 1) // 2
     a_size, b_size = len(a_corners) // a_leaves, len(b_corners) // b_leaves
-    stack = np.empty((_DEEPEST, 2), np.int64)
+    stack = np.empty((DEEPEST, 2), np.int64)
     first, second = np.empty((3, 3)), np.empty((3, 3))
-    work, other, out = np.empty((9, 3)), np.empty((9, 3)), np.empty(3)
+    work, other, out = np.empty((10, 3)), np.empty((10, 3)), np.empty(3)
     stack[0, 0], stack[0, 1] = 0, 0
     top = 1
+    best = CERTAIN
     while top > 0:
         top -= 1
         i, k = stack[top, 0], stack[top, 1]
         if (
-            a_boxes[i, 0] >= b_boxes[k, 3]
-            or b_boxes[k, 0] >= a_boxes[i, 3]
-            or a_boxes[i, 1] >= b_boxes[k, 4]
-            or b_boxes[k, 1] >= a_boxes[i, 4]
-            or b_boxes[k, 5] <= a_boxes[i, 2]
+            a_boxes[i, 0] >= b_boxes[k, 3] + room
+            or b_boxes[k, 0] >= a_boxes[i, 3] + room
+            or a_boxes[i, 1] >= b_boxes[k, 4] + room
+            or b_boxes[k, 1] >= a_boxes[i, 4] + room
+            or b_boxes[k, 5] - a_boxes[i, 2] <= best
             or (crosses and b_boxes[k, 2] >= a_boxes[i, 5])
         ):
             continue
@@ -234,10 +268,12 @@ def _rises_above(
                     continue
                 _take(b_points, b_corners, n, second)
                 if (
-                    overlap_heights(first, second, work, other, out) > 0
-                    and out[1] > CERTAIN
+                    overlap_heights(first, second, room, work, other, out) > 0
+                    and out[1] > best
                     and out[2] > _SLIVER
                     and (not crosses or out[0] < -CERTAIN)
                 ):
-                    return True
-    return False
+                    best = out[1]
+                    if best > enough:
+                        return best
+    return best if best > CERTAIN else 0.0
