@@ -43,9 +43,7 @@ def face_directions(surface: Surface) -> Array:
     An axis is perpendicular to two of the normals. That of a bore or a pin is perpendicular to all the normals
     around it, so it has the most area beside it. Of a direction and its opposite, only one is there.
     """
-    corners = surface.vertices[surface.faces]
-    spans = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(spans, axis=1)
+    area = surface.areas
     signs = np.sign(np.round(surface.normals, 6))
     # Of a direction and its opposite, the one whose first coordinate that is not 0 is positive.
     first = signs[np.arange(len(signs)), (signs != 0.0).argmax(axis=1)]

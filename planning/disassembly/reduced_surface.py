@@ -44,6 +44,7 @@ class Surface:
         vertices: shape (v, 3) [m].
         faces: triangles, corners counter-clockwise seen from outside, shape (f, 3).
         normals: outward unit normals of the triangles, shape (f, 3).
+        areas: of the triangles, shape (f,) [m^2].
         inward: displacement of the vertices that moves the planes at them by 1 into the body, shape (v, 3).
         pairs: triangles that share an edge, shape (e, 2).
         bends: angles between their normals, negative at concave edges, shape (e,) [rad].
@@ -54,6 +55,7 @@ class Surface:
     vertices: Array
     faces: Indices
     normals: Array
+    areas: Array
     inward: Array
     pairs: Indices
     bends: Array
@@ -95,6 +97,7 @@ def surface_of(body: AssemblyBody) -> Surface:
         vertices,
         faces,
         normals,
+        np.asarray(mesh.area_faces),
         _inward(vertices, faces, normals, np.asarray(mesh.face_angles)),
         np.asarray(mesh.face_adjacency),
         bends,

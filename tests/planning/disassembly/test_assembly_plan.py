@@ -5,9 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from planning.disassembly.assembly_plan import InterlockedError, plan_assembly
 from planning.disassembly.body import AssemblyBody
+from tests.voxel_bodies import (
+    Cells,
+    assert_every_order_works,
+    grown_bodies,
+    locked_groups,
+    voxel_body,
+)
 
 
 def box(name: str, size: tuple[float, ...], at: tuple[float, ...]) -> AssemblyBody:
@@ -62,3 +71,50 @@ def test_links_of_a_chain_are_refused_with_the_pair() -> None:
         plan_assembly(bodies, "plate")
     assert caught.value.bodies == ("one", "two")
     assert set(caught.value.blocking) == {("one", "two"), ("two", "one")}
+
+
+def check(cells: dict[str, Cells]) -> str:
+    """Plan bodies of cubes and compare with the slow check; return what came out."""
+    bodies = [voxel_body(name, own) for name, own in cells.items()]
+    for body in bodies:
+        body.mesh.merge_vertices()
+    # Where two cubes of a body share no more than an edge, its surface is not closed.
+    if not all(body.mesh.is_watertight for body in bodies):
+        return "open"
+    locked = [set(group) for group in locked_groups(cells)]
+    if not locked:
+        plan = plan_assembly(bodies, "b0")
+        names = sorted(n for step in plan.steps for n in step.bodies)
+        assert names == sorted({*cells} - {"b0"})
+        assert_every_order_works(cells, plan)
+        return "sub" if any(step.inner for step in plan.steps) else "single"
+    with pytest.raises(InterlockedError) as caught:
+        plan_assembly(bodies, "b0")
+    group = set(caught.value.bodies)
+    assert group in locked
+    assert not any(smaller < group for smaller in locked)
+    return "locked"
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(st.integers(0, 10_000), st.integers(2, 5))
+def test_plans_of_cut_blocks_hold_in_every_order(seed: int, count: int) -> None:
+    check(grown_bodies(seed, (3, 3, 2), count))
+
+
+@pytest.mark.parametrize(
+    ("seed", "shape", "count", "found"),
+    [
+        (13, (3, 3, 3), 3, "locked"),
+        (40, (3, 3, 3), 3, "locked"),
+        (22, (4, 3, 3), 4, "locked"),
+        (409, (3, 3, 3), 3, "sub"),
+        (572, (3, 3, 3), 3, "sub"),
+        (626, (3, 3, 3), 3, "sub"),
+        (809, (3, 3, 3), 3, "sub"),
+    ],
+)
+def test_locked_blocks_and_sub_assemblies(
+    seed: int, shape: tuple[int, int, int], count: int, found: str
+) -> None:
+    assert check(grown_bodies(seed, shape, count)) == found
