@@ -58,6 +58,8 @@ def face_directions(surface: Surface) -> Array:
     ]
     axes = (np.cross(a, b) for a, b in combinations(faces, 2))
     long = (axis for axis in axes if np.linalg.norm(axis) > _LEAST_SINE)
+    if not faces:
+        return np.empty((0, 3))
     known = list(different([*faces, *(axis / np.linalg.norm(axis) for axis in long)]))
     beside = np.abs(surface.normals @ np.array(known).T) < 1e-3
     order = np.argsort(-(area @ beside), kind="stable")[:_MOST_AXES]

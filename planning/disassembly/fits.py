@@ -20,6 +20,9 @@ from planning.transforms import Array, Indices
 LOOSEST = 5e-4
 """Greatest clearance of a fit [m]."""
 
+_LOOSE = 3e-3
+"""A pin with greater play counts as beside its bore [m]."""
+
 _ROUND = 2e-5, 2e-3
 """Corners of a round surface are on one circle to within this [m], or this share of its radius."""
 
@@ -82,29 +85,32 @@ def find_fits(blocking: Blocking, patches: Patches) -> tuple[BodyFit, ...]:
     for inner, outer in permutations(blocking.names, 2):
         if not blocking.near(inner, outer, LOOSEST):
             continue
-        axes = []
-        for pin in rounds[inner]:
-            for bore in rounds[outer]:
-                if pin.hollow or not bore.hollow or not _is_fit(pin, bore):
-                    continue
-                axes.append(pin.axis)
-                play, off = bore.radius - pin.radius, bore.off + pin.off
+        pairs = [
+            (pin, bore)
+            for pin in rounds[inner]
+            for bore in rounds[outer]
+            if bore.hollow and not pin.hollow and _is_inside(pin, bore)
+        ]
+        for pin, bore in pairs:
+            play, off = bore.radius - pin.radius, bore.off + pin.off
+            if play <= LOOSEST + off:
                 key = inner, outer, "pin", round(pin.radius * 1e6)
-                pair = inner, outer
-                found.setdefault(key, BodyFit("pin in bore", pair, play, off))
+                fit = BodyFit("pin in bore", (inner, outer), play, off)
+                found.setdefault(key, fit)
         own = patches.get((inner, outer)) or patches.get((outer, inner), ())
         sign = 1.0 if (inner, outer) in patches else -1.0
         for play, normal in _slots(own, sign):
-            if all(abs(float(axis @ normal)) > _BESIDE for axis in axes):
+            if all(abs(float(pin.axis @ normal)) > _BESIDE for pin, _ in pairs):
                 key = inner, outer, "slot", round(play * 1e6)
                 fit = BodyFit("tongue in slot", (inner, outer), play, 1e-6)
                 found.setdefault(key, fit)
     return tuple(found.values())
 
 
-def _is_fit(pin: _Round, bore: _Round) -> bool:
+def _is_inside(pin: _Round, bore: _Round) -> bool:
+    """Return whether a pin is in a bore, on its axis as far as its play tells."""
     play = bore.radius - pin.radius
-    if not -DEEPEST_PRESS < play < LOOSEST:
+    if not -DEEPEST_PRESS < play < _LOOSE:
         return False
     if abs(float(pin.axis @ bore.axis)) < 1.0 - _PARALLEL**2:
         return False

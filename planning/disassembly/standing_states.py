@@ -13,7 +13,7 @@ from planning.disassembly.surface_contacts import Patches
 from planning.statics.build_order import BuildStep, StableBuild, balance_dependencies
 from planning.statics.contact_patch import ContactPatch
 from planning.statics.standing import PlacedBody, StabilityChecker
-from planning.statics.standing_rules import StandingRules
+from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Array, identity
 
 
@@ -121,19 +121,24 @@ class StandingStates:
             waits: such pairs that are known.
             holds: what is held in that order.
         """
-        last = len(groups)
         until: dict[int, int] = {}
         for hold in holds:
-            end = last if hold.until is None else hold.until
-            until[hold.since] = max(end, until.get(hold.since, end))
+            if hold.until is not None:
+                until[hold.since] = max(hold.until, until.get(hold.since, 0))
+        # What never stands by itself is as good as joined to the base.
+        fixed = {hold.body for hold in holds if hold.until is None}
         steps = [
-            BuildStep(adds=group, until=until.get(k)) for k, group in enumerate(groups)
+            BuildStep(
+                adds=group,
+                joins=tuple(Joint(self._base, n) for n in group if n in fixed),
+                until=until.get(k),
+            )
+            for k, group in enumerate(groups)
         ]
-        steps.append(BuildStep())
         found = balance_dependencies(self._checker, steps, waits, keepable=())
-        if not isinstance(found, StableBuild):
-            return {(k, k + 1) for k in range(last - 1)}
-        return {(one, other) for one, other in found.waits if other < last}
+        if isinstance(found, StableBuild):
+            return set(found.waits)
+        return {(k, k + 1) for k in range(len(groups) - 1)}
 
 
 def _placed(body: AssemblyBody, frame: Array) -> PlacedBody:
