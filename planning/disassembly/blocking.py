@@ -5,9 +5,9 @@ the direction than it: on a common line. So it is enough to compare the rear fac
 of the other in the projection along the direction. There are no steps along the path, and nothing passes between them.
 The result for a pair of bodies does not depend on which others are there.
 
-Both bodies are reduced first (``reduced_surface``), such that contacts, and fits that are tight by tessellation, do not
-count. Pairs that overlap in the finished assembly, such as a press fit or a modelled thread, are reduced further,
-until they do not.
+Both bodies are reduced first (``reduced_surface``), such that contacts do not count. Pairs that overlap in the finished
+assembly, such as a press fit, a modelled thread, or a pin in a coarsely tessellated bore of its own diameter, are
+reduced further, until they do not.
 """
 
 from __future__ import annotations

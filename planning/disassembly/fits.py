@@ -12,13 +12,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from planning.disassembly.blocking import DEEPEST_PRESS, Blocking
-from planning.disassembly.reduced_surface import SMOOTH, Surface
+from planning.disassembly.reduced_surface import Surface
 from planning.disassembly.surface_contacts import Patches
 from planning.statics.contact_patch import ContactPatch
 from planning.transforms import Array, Indices
 
 LOOSEST = 5e-4
 """Greatest clearance of a fit [m]."""
+
+_SMOOTH = math.radians(40.0)
+"""Facets that are turned from each other by less approximate a rounding."""
 
 _LOOSE = 3e-3
 """A pin with greater play counts as beside its bore [m]."""
@@ -41,7 +44,7 @@ class BodyFit:
     """Two bodies that fit into each other.
 
     Attributes:
-        kind: ``pin in bore`` or ``tongue in slot``.
+        kind: ``pin in bore``, ``tongue in slot``, or ``overlap`` where they are in each other otherwise.
         bodies: names of the inner and the outer one.
         clearance_m: play on each side with the inner one in the middle, half the difference of diameters or
             widths; negative for a press fit.
@@ -104,6 +107,12 @@ def find_fits(blocking: Blocking, patches: Patches) -> tuple[BodyFit, ...]:
                 key = inner, outer, "slot", round(play * 1e6)
                 fit = BodyFit("tongue in slot", (inner, outer), play, 1e-6)
                 found.setdefault(key, fit)
+    listed = {frozenset(fit.bodies) for fit in found.values()}
+    for pair, deep in blocking.pressed.items():
+        if pair not in listed:
+            one, other = sorted(pair, key=blocking.names.index)
+            fit = BodyFit("overlap", (one, other), -0.75 * deep, 0.25 * deep)
+            found[one, other, "overlap", 0] = fit
     return tuple(found.values())
 
 
@@ -151,7 +160,7 @@ def _overlap(one: ContactPatch, other: ContactPatch) -> bool:
 
 def _rounds(surface: Surface) -> Iterator[_Round]:
     """Yield the round surfaces of a body: smooth parts that are cylinders, all around."""
-    smooth = np.abs(surface.bends) < SMOOTH
+    smooth = surface.bends < _SMOOTH
     one, other = surface.pairs[smooth].T
     size = len(surface.faces)
     links = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
