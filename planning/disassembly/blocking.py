@@ -18,6 +18,7 @@ from itertools import combinations
 import numpy as np
 
 from planning.caches import BoundedCache
+from planning.contacts.surface_depth import winding_number
 from planning.disassembly.body import AssemblyBody
 from planning.disassembly.reduced_surface import surface_of
 from planning.disassembly.triangle_tree import (
@@ -121,19 +122,33 @@ class Blocking:
         if not self.near(first, second, 0.0):
             return
         by = REDUCTION
-        while self._crosses(first, second, by):
+        deep = self._contains(first, second) or self._contains(second, first)
+        while deep or self._crosses(first, second, by):
             by *= 2.0
             self.pressed[frozenset((first, second))] = 2.0 * by
-            if 2.0 * by > DEEPEST_PRESS:
+            if deep or 2.0 * by > DEEPEST_PRESS:
                 raise ShapeError(
                     f"{first} and {second} are in each other by more than"
                     f" {1e3 * DEEPEST_PRESS:.2f} mm where they belong: correct their places or"
                     " shapes, or export them as one body"
                 )
 
+    def _contains(self, outer: str, inner: str) -> bool:
+        """Return whether a body is in the material of another one, given that their surfaces do not meet."""
+        (low, high), (least, most) = self._boxes[outer], self._boxes[inner]
+        if np.any(least < low) or np.any(most > high):
+            return False
+        around, own = self.surfaces[outer], self.surfaces[inner]
+        triangles = around.vertices[around.faces]
+        return abs(winding_number(own.reduced(REDUCTION)[0], triangles)) > 0.5
+
     def _crosses(self, first: str, second: str, by: float) -> bool:
-        views = (self._view(name, _SKEW, by, front=None) for name in (first, second))
-        one, other = views
+        """Return whether two bodies overlap that are made smaller."""
+        # Not by the same distance: surfaces in one plane would not cross each other.
+        one, other = (
+            self._view(name, _SKEW, share * by, front=None)
+            for name, share in ((first, 0.75), (second, 1.25))
+        )
         return rises_above(one, other, crosses=True)
 
     def _view(
