@@ -9,7 +9,7 @@ graph (Wilson and Latombe, 1994). One that nothing else blocks is removed as a s
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import networkx as nx
 import numpy as np
@@ -25,7 +25,7 @@ from planning.disassembly.directions import (
 from planning.disassembly.fits import BodyFit, find_fits
 from planning.disassembly.standing_states import BodyHold, StandingStates
 from planning.disassembly.surface_contacts import surface_contacts
-from planning.errors import TwinError
+from planning.errors import RequestError, TwinError
 from planning.statics.standing_rules import StandingRules
 from planning.transforms import Array
 
@@ -36,6 +36,9 @@ TOUCH = 5e-4
 
 _NEAR = 1e-3
 """Bodies with boxes that are no farther apart are neighbours [m]."""
+
+_MOST_PAIRS = 8
+"""Greatest number of pairs that a message names."""
 
 
 class InterlockedError(TwinError):
@@ -52,7 +55,9 @@ class InterlockedError(TwinError):
     ) -> None:
         self.bodies, self.blocking = tuple(bodies), tuple(blocking)
         self.directions = tried
-        pairs = ", ".join(f"{one} blocks {other}" for one, other in blocking)
+        pairs = ", ".join(f"{a} blocks {b}" for a, b in self.blocking[:_MOST_PAIRS])
+        if (more := len(self.blocking) - _MOST_PAIRS) > 0:
+            pairs += f", and {more} more"
         super().__init__(
             f"{', '.join(bodies)} hold each other: along none of {tried} directions can one, or"
             f" several as one, be moved out straight ({pairs}); split one of them, or export"
@@ -117,20 +122,20 @@ def plan_assembly(
     Raises:
         ShapeError: a mesh cannot be used, or two bodies overlap.
         InterlockedError: the bodies cannot be taken apart by straight motions.
-        TwinError: a name is there twice, or that of the base is unknown.
+        RequestError: a name is there twice, or that of the base is unknown.
     """
     names = [body.name for body in bodies]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise TwinError(f"several bodies are called {', '.join(twice)}")
+        raise RequestError(f"several bodies are called {', '.join(twice)}")
     if base not in names:
-        raise TwinError(f"there is no body {base}", choices=tuple(names))
+        raise RequestError(f"there is no body {base}", choices=tuple(names))
     search = _Disassembly(
         bodies,
         np.array(up, dtype=float) / np.linalg.norm(up),
         touch_m,
         rules or StandingRules(),
     )
-    return search.plan(names, base)
+    return replace(search.plan(names, base), fits=search.fits())
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,12 +218,11 @@ class _Disassembly:
             steps.append(
                 StraightInsertion(removal.bodies, (x, y, z), length, after, inner)
             )
-        fits = (
-            find_fits(self._blocking, self._patches)
-            if len(own) == len(self._bodies)
-            else ()
-        )
-        return AssemblyPlan(base, tuple(steps), fits, holds)
+        return AssemblyPlan(base, tuple(steps), holds=holds)
+
+    def fits(self) -> tuple[BodyFit, ...]:
+        """Return the fits of all bodies."""
+        return find_fits(self._blocking, self._patches)
 
     def _removable(
         self, remaining: Mapping[str, None], base: str, states: StandingStates

@@ -67,14 +67,9 @@ class StandingStates:
         self._touching = self._checker.touching()
         self._base = base
 
-    def falling(self, there: Collection[str], held: Collection[str] = ()) -> int:
-        """Return how many more bodies have to be held in a state, one after another.
-
-        Args:
-            there: names of the bodies that are in place, the base may be one.
-            held: those that are held.
-        """
-        return len(self._fallers(there, held))
+    def falling(self, there: Collection[str]) -> int:
+        """Return how many bodies have to be held in a state, given the names of those that are in place."""
+        return len(self._fallers(there, ()))
 
     def _fallers(self, there: Collection[str], held: Collection[str]) -> list[str]:
         present = set(there) - {self._base}

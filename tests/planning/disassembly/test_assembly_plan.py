@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import process_time
+
 import numpy as np
 import pytest
 import trimesh
@@ -118,3 +120,29 @@ def test_locked_blocks_and_sub_assemblies(
     seed: int, shape: tuple[int, int, int], count: int, found: str
 ) -> None:
     assert check(grown_bodies(seed, shape, count)) == found
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", range(150))
+def test_plans_of_large_cut_blocks_hold_in_every_order(seed: int) -> None:
+    check(grown_bodies(seed, (4, 3, 3), 4))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("columns", "rows", "most_s"), [(6, 5, 20.0), (11, 9, 120.0)])
+def test_walls_are_planned_in_time(columns: int, rows: int, most_s: float) -> None:
+    """A wall in half bond: every brick waits for the two below it."""
+    bodies = [box("floor", (3.0, 3.0, 0.02), (0.0, 0.0, -0.01))]
+    for row in range(rows):
+        for k in range(columns):
+            at = (0.1 * k + 0.05 * (row % 2), 0.0, 0.025 + 0.05 * row)
+            bodies.append(box(f"{k} {row}", (0.1, 0.05, 0.05), at))
+    before = process_time()
+    plan = plan_assembly(bodies, "floor")
+    assert process_time() - before < most_s
+    after = {step.bodies[0]: set(step.after) for step in plan.steps}
+    assert len(after) == columns * rows
+    for row in range(1, rows):
+        for k in range(1, columns - 1):
+            left = k - 1 + row % 2
+            assert {f"{left} {row - 1}", f"{left + 1} {row - 1}"} <= after[f"{k} {row}"]

@@ -133,6 +133,9 @@ def test_meshes_and_names_that_cannot_be_used_are_refused() -> None:
     far = box("far", (0.1, 0.1, 0.1), (np.nan, 0.0, 0.05))
     with pytest.raises(ShapeError, match="far has coordinates that are not finite"):
         plan_assembly([table, far], "table")
+    inner = box("inner", (0.01, 0.01, 0.01), (0.0, 0.0, -0.05))
+    with pytest.raises(ShapeError, match="table and inner are in each other"):
+        plan_assembly([table, inner], "table")
     with pytest.raises(TwinError, match="several bodies are called table"):
         plan_assembly([table, table], "table")
     with pytest.raises(TwinError, match=r"no body floor .valid: table"):
