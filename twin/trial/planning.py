@@ -306,8 +306,10 @@ class CoordinatedPlans:
                 )
             elif name == IN_SLOTS:
                 always = self._scenario.planning.joint_planning == "always"
-                slots = plan_synchronously(self._motions, watch, always_jointly=always)
-                tpg = build_plan_graph(slots.motion_plan, watch, slots.slot_of_task)
+                motion_plan, slots = plan_synchronously(
+                    self._motions, watch, always_jointly=always
+                )
+                tpg = build_plan_graph(motion_plan, watch, slots)
             else:
                 tpg = build_plan_graph(self._motions.motion_plan, watch)
             if not tpg.chains:
