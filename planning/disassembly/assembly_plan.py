@@ -20,6 +20,7 @@ from planning.disassembly.directions import (
     different,
     face_directions,
     main_directions,
+    most_common,
     spread_directions,
 )
 from planning.disassembly.fits import BodyFit, find_fits
@@ -172,7 +173,8 @@ class _Disassembly:
             )
             for name in names
         }
-        self._all = self._sorted([*np.vstack([*own.values()]), *spread_directions()])
+        self._common = self._sorted(most_common(own.values()))
+        self._all = [*different([*self._common, *spread_directions()])]
         self._height = {n: float((s.vertices @ up).max()) for n, s in surfaces.items()}
         self._volume = {body.name: abs(float(body.mesh.volume)) for body in bodies}
         self._witness: dict[tuple[str, bytes], str] = {}
@@ -298,9 +300,13 @@ class _Disassembly:
         return graph
 
     def _sub_assembly(self, remaining: Mapping[str, None], base: str) -> _Removal:
-        """Return the smallest group of bodies that can be removed as one."""
+        """Return a group of bodies that can be removed as one, the smallest along common directions if there is one."""
         best: _Removal | None = None
-        for direction in self._all:
+        for number, direction in enumerate(self._all):
+            if best is not None and (
+                number == len(self._common) or len(best.bodies) == 2
+            ):
+                break
             parts = nx.condensation(self._graph(remaining, direction))
             for part, members in parts.nodes(data="members"):
                 free = parts.out_degree(part) == 0 and base not in members

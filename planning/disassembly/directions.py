@@ -25,6 +25,9 @@ _LEAST_SINE = 0.05
 _LEAST_SHARE = 0.01
 """Faces of one direction with a smaller share of the area of a body do not count."""
 
+_MOST_COMMON = 24
+"""Greatest number of directions, each with its opposite, that all bodies are tried along."""
+
 _SPREAD = 96
 """Number of directions spread over the sphere."""
 
@@ -65,6 +68,16 @@ def face_directions(surface: Surface) -> Array:
     order = np.argsort(-(area @ beside), kind="stable")[:_MOST_AXES]
     best = [known[k] for k in order]
     return np.array(list(different([*best, *faces[:_MOST_AXES]])))
+
+
+def most_common(directions: Iterable[Array]) -> list[Array]:
+    """Return the directions of bodies that most of them have, given those of each, shape (n, 3) each."""
+    rows = np.vstack([np.empty((0, 3)), *directions])
+    _, first, count = np.unique(
+        np.round(rows, 4), axis=0, return_index=True, return_counts=True
+    )
+    order = np.lexsort([first, -count])[:_MOST_COMMON]
+    return [rows[first[k]] for k in order]
 
 
 def spread_directions() -> Array:
