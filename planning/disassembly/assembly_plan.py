@@ -38,6 +38,12 @@ TOUCH = 5e-4
 _NEAR = 1e-3
 """Bodies with boxes that are no farther apart are neighbours [m]."""
 
+_MOST_BODIES = 200
+"""Greatest number of bodies of an assembly."""
+
+_MOST_TILTED = 50
+"""Greatest number of bodies whose balance is checked with gravity tilted, not only upright."""
+
 _MOST_PAIRS = 8
 """Greatest number of pairs that a message names."""
 
@@ -123,11 +129,16 @@ def plan_assembly(
     Raises:
         ShapeError: a mesh cannot be used, or two bodies overlap.
         InterlockedError: the bodies cannot be taken apart by straight motions.
-        RequestError: a name is there twice, or that of the base is unknown.
+        RequestError: a name is there twice, that of the base is unknown, or there are too many bodies.
     """
     names = [body.name for body in bodies]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise RequestError(f"several bodies are called {', '.join(twice)}")
+    if len(names) > _MOST_BODIES:
+        raise RequestError(
+            f"there are {len(names)} bodies, more than {_MOST_BODIES}: export groups of them"
+            " that are put together before as one body each"
+        )
     if base not in names:
         raise RequestError(f"there is no body {base}", choices=tuple(names))
     search = _Disassembly(
@@ -164,17 +175,18 @@ class _Disassembly:
         names = self._blocking.names
         surfaces = self._blocking.surfaces
         own = {name: face_directions(surfaces[name]) for name in names}
-        self._directions = {
-            name: self._sorted(
-                axis
-                for other in (name, *(n for n in names if n != name))
-                if self._blocking.near(name, other, _NEAR)
-                for axis in own[other]
-            )
+        beside = {
+            name: [
+                n for n in names if n != name and self._blocking.near(name, n, _NEAR)
+            ]
             for name in names
         }
+        self._directions = {
+            name: self._sorted([*own[name], *most_common(own[n] for n in others)])
+            for name, others in beside.items()
+        }
         self._common = self._sorted(most_common(own.values()))
-        self._all = [*different([*self._common, *spread_directions()])]
+        self._all = different([*self._common, *spread_directions()])
         self._height = {n: float((s.vertices @ up).max()) for n, s in surfaces.items()}
         self._volume = {body.name: abs(float(body.mesh.volume)) for body in bodies}
         self._witness: dict[tuple[str, bytes], str] = {}
@@ -182,7 +194,7 @@ class _Disassembly:
     def _sorted(self, axes: Iterable[Array]) -> list[Array]:
         """Return directions and their opposites, the main ones too, those that are closest to up first."""
         both = (sign * axis for axis in axes for sign in (1.0, -1.0))
-        found = list(different([*main_directions(self._up), *both]))
+        found = different([*main_directions(self._up), *both])
         order = np.argsort(-np.round(np.array(found) @ self._up, 6), kind="stable")
         return [found[k] for k in order]
 
@@ -190,7 +202,10 @@ class _Disassembly:
         """Return how some of the bodies are put together, however the others are."""
         frame = frame_along(self._up)
         own = {name: self._bodies[name] for name in names}
-        states = StandingStates(own, self._patches, base, frame, self._rules)
+        rules = self._rules
+        if len(own) > _MOST_TILTED:
+            rules = replace(rules, tilt=0.0)
+        states = StandingStates(own, self._patches, base, frame, rules)
         remaining = dict.fromkeys(names)
         removed: list[_Removal] = []
         while len(remaining) > 1:

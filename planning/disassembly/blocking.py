@@ -64,7 +64,7 @@ class Blocking:
         self.surfaces = {body.name: surface_of(body) for body in bodies}
         most = max(len(surface.faces) for surface in self.surfaces.values())
         self._views: BoundedCache[TriangleView] = BoundedCache(
-            max(64, _MOST_SEEN // most)
+            max(16, _MOST_SEEN // most)
         )
         self._known: dict[tuple[str, str, bytes], bool] = {}
         self._boxes = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import combinations
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy as np
 from planning.disassembly.reduced_surface import Surface
 from planning.transforms import Array
 
-_SAME = 1e-4
-"""Directions that differ by less count as equal, which is 0.03 mm over 300 mm."""
+_DIGITS = 4
+"""Directions that are equal in so many digits are one, which is within 0.03 mm over 300 mm."""
 
 _MOST_FACES = 12
 """Greatest number of face directions of a body, those of the largest area first."""
@@ -63,18 +63,18 @@ def face_directions(surface: Surface) -> Array:
     long = (axis for axis in axes if np.linalg.norm(axis) > _LEAST_SINE)
     if not faces:
         return np.empty((0, 3))
-    known = list(different([*faces, *(axis / np.linalg.norm(axis) for axis in long)]))
+    known = different([*faces, *(axis / np.linalg.norm(axis) for axis in long)])
     beside = np.abs(surface.normals @ np.array(known).T) < 1e-3
     order = np.argsort(-(area @ beside), kind="stable")[:_MOST_AXES]
     best = [known[k] for k in order]
-    return np.array(list(different([*best, *faces[:_MOST_AXES]])))
+    return np.array(different([*best, *faces[:_MOST_AXES]]))
 
 
 def most_common(directions: Iterable[Array]) -> list[Array]:
     """Return the directions of bodies that most of them have, given those of each, shape (n, 3) each."""
     rows = np.vstack([np.empty((0, 3)), *directions])
     _, first, count = np.unique(
-        np.round(rows, 4), axis=0, return_index=True, return_counts=True
+        np.round(rows, _DIGITS) + 0.0, axis=0, return_index=True, return_counts=True
     )
     order = np.lexsort([first, -count])[:_MOST_COMMON]
     return [rows[first[k]] for k in order]
@@ -90,10 +90,8 @@ def spread_directions() -> Array:
     return np.vstack([half, -half])
 
 
-def different(directions: Iterable[Array]) -> Iterator[Array]:
-    """Yield the directions that differ from all before them."""
-    known: list[Array] = []
-    for direction in directions:
-        if all(np.abs(direction - other).max() > _SAME for other in known):
-            known.append(direction)
-            yield direction
+def different(directions: Iterable[Array]) -> list[Array]:
+    """Return the directions that differ from all before them."""
+    rows = np.vstack([np.empty((0, 3)), *directions])
+    _, first = np.unique(np.round(rows, _DIGITS) + 0.0, axis=0, return_index=True)
+    return [rows[k] for k in np.sort(first)]

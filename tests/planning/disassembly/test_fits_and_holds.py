@@ -140,6 +140,8 @@ def test_meshes_and_names_that_cannot_be_used_are_refused() -> None:
         plan_assembly([table, table], "table")
     with pytest.raises(TwinError, match=r"no body floor .valid: table"):
         plan_assembly([table], "floor")
+    with pytest.raises(TwinError, match="there are 201 bodies, more than 200"):
+        plan_assembly([box(str(k), (1.0,) * 3, (0.0,) * 3) for k in range(201)], "0")
     assert plan_assembly([table], "table").steps == ()
 
 
