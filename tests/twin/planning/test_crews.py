@@ -77,7 +77,7 @@ def first(scenario: Scenario) -> PlannedMotions:
 @pytest.fixture(scope="module")
 def plain(scenario: Scenario) -> PlanResult:
     """Return the plan that nothing improves."""
-    return plan_scenario(scenario)
+    return plan_scenario(scenario, bound=True)
 
 
 def _rater(first: PlannedMotions, *, shortcuts: bool) -> PlanRater:
@@ -193,7 +193,7 @@ PILE = """\
     - {brick: 2x4, at: [23, 22, 2]}
     - {brick: 2x4, at: [23, 22, 3]}
     - {brick: 2x4, at: [23, 22, 4]}
-planning: {shortcut_candidates: 0}
+planning: {shortcut_candidates: 0, assignment: paper}
 """
 
 
