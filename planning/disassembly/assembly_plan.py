@@ -9,28 +9,43 @@ graph (Wilson and Latombe, 1994). One that nothing else blocks is removed as a s
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import takewhile
+from dataclasses import dataclass, replace
 
 import networkx as nx
 import numpy as np
 
-from planning.disassembly.blocking import Blocking
+from planning.disassembly.blocking import Blocking, frame_along
 from planning.disassembly.body import AssemblyBody
-from planning.disassembly.clear_distance import clear_distance
 from planning.disassembly.directions import (
     different,
     face_directions,
     main_directions,
+    most_common,
     spread_directions,
 )
-from planning.errors import TwinError
+from planning.disassembly.fits import BodyFit, find_fits
+from planning.disassembly.standing_states import BodyHold, StandingStates
+from planning.disassembly.surface_contacts import surface_contacts
+from planning.errors import RequestError, TwinError
+from planning.statics.standing_rules import StandingRules
 from planning.transforms import Array
 
 UP = (0.0, 0.0, 1.0)
 
+TOUCH = 5e-4
+"""Distance up to which faces touch [m]."""
+
 _NEAR = 1e-3
 """Bodies with boxes that are no farther apart are neighbours [m]."""
+
+_MOST_BODIES = 200
+"""Greatest number of bodies of an assembly."""
+
+_MOST_TILTED = 50
+"""Greatest number of bodies whose balance is checked with gravity tilted, not only upright."""
+
+_MOST_PAIRS = 8
+"""Greatest number of pairs that a message names."""
 
 
 class InterlockedError(TwinError):
@@ -47,42 +62,14 @@ class InterlockedError(TwinError):
     ) -> None:
         self.bodies, self.blocking = tuple(bodies), tuple(blocking)
         self.directions = tried
-        pairs = ", ".join(f"{one} blocks {other}" for one, other in blocking)
+        pairs = ", ".join(f"{a} blocks {b}" for a, b in self.blocking[:_MOST_PAIRS])
+        if (more := len(self.blocking) - _MOST_PAIRS) > 0:
+            pairs += f", and {more} more"
         super().__init__(
             f"{', '.join(bodies)} hold each other: along none of {tried} directions can one, or"
             f" several as one, be moved out straight ({pairs}); split one of them, or export"
             " them as one body"
         )
-
-
-@dataclass(frozen=True)
-class BodyFit:
-    """Two bodies that fit into each other.
-
-    Attributes:
-        kind: such as ``pin in bore``.
-        bodies: the inner and the outer one.
-        clearance_m: difference of diameters or widths, negative for a press fit.
-    """
-
-    kind: str
-    bodies: tuple[str, str]
-    clearance_m: float
-
-
-@dataclass(frozen=True)
-class BodyHold:
-    """A body that falls unless a hand or a fixture holds it.
-
-    Attributes:
-        body: its name.
-        since: number of the insertion from which on it is held, from 0.
-        until: number of the insertion once which is complete it stands; None if it never does.
-    """
-
-    body: str
-    since: int
-    until: int | None
 
 
 @dataclass(frozen=True)
@@ -123,7 +110,12 @@ class AssemblyPlan:
 
 
 def plan_assembly(
-    bodies: Sequence[AssemblyBody], base: str, *, up: Sequence[float] = UP
+    bodies: Sequence[AssemblyBody],
+    base: str,
+    *,
+    up: Sequence[float] = UP,
+    touch_m: float = TOUCH,
+    rules: StandingRules | None = None,
 ) -> AssemblyPlan:
     """Return an order and straight insertions of the bodies of an assembly.
 
@@ -131,40 +123,70 @@ def plan_assembly(
         bodies: in their places, with different names.
         base: name of the one that is there first.
         up: direction against gravity in the frame of the assembly.
+        touch_m: distance up to which faces touch, so that a part rests on another.
+        rules: friction and tilt of gravity, of bodies at rest.
 
     Raises:
         ShapeError: a mesh cannot be used, or two bodies overlap.
         InterlockedError: the bodies cannot be taken apart by straight motions.
-        TwinError: a name is there twice, or that of the base is unknown.
+        RequestError: a name is there twice, that of the base is unknown, or there are too many bodies.
     """
     names = [body.name for body in bodies]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise TwinError(f"several bodies are called {', '.join(twice)}")
+        raise RequestError(f"several bodies are called {', '.join(twice)}")
+    if len(names) > _MOST_BODIES:
+        raise RequestError(
+            f"there are {len(names)} bodies, more than {_MOST_BODIES}: export groups of them"
+            " that are put together before as one body each"
+        )
     if base not in names:
-        raise TwinError(f"there is no body {base}", choices=tuple(names))
-    search = _Disassembly(bodies, np.array(up, dtype=float) / np.linalg.norm(up))
-    return search.plan(names, base)
+        raise RequestError(f"there is no body {base}", choices=tuple(names))
+    search = _Disassembly(
+        bodies,
+        np.array(up, dtype=float) / np.linalg.norm(up),
+        touch_m,
+        rules or StandingRules(),
+    )
+    return replace(search.plan(names, base), fits=search.fits())
+
+
+@dataclass(frozen=True, eq=False)
+class _Removal:
+    """Bodies that are moved out as one, and the direction."""
+
+    bodies: tuple[str, ...]
+    direction: Array
 
 
 class _Disassembly:
     """Takes bodies apart, in thought."""
 
-    def __init__(self, bodies: Sequence[AssemblyBody], up: Array) -> None:
+    def __init__(
+        self,
+        bodies: Sequence[AssemblyBody],
+        up: Array,
+        touch: float,
+        rules: StandingRules,
+    ) -> None:
         self._blocking = Blocking(bodies)
-        self._up = up
+        self._up, self._rules = up, rules
+        self._bodies = {body.name: body for body in bodies}
+        self._patches = surface_contacts(self._blocking, touch)
         names = self._blocking.names
         surfaces = self._blocking.surfaces
         own = {name: face_directions(surfaces[name]) for name in names}
-        self._directions = {
-            name: self._sorted(
-                axis
-                for other in (name, *(n for n in names if n != name))
-                if self._blocking.near(name, other, _NEAR)
-                for axis in own[other]
-            )
+        beside = {
+            name: [
+                n for n in names if n != name and self._blocking.near(name, n, _NEAR)
+            ]
             for name in names
         }
-        self._all = self._sorted([*np.vstack([*own.values()]), *spread_directions()])
+        self._directions = {
+            name: self._sorted([*own[name], *most_common(own[n] for n in others)])
+            for name, others in beside.items()
+        }
+        self._common = self._sorted(most_common(own.values()))
+        self._all = different([*self._common, *spread_directions()])
         self._height = {n: float((s.vertices @ up).max()) for n, s in surfaces.items()}
         self._volume = {body.name: abs(float(body.mesh.volume)) for body in bodies}
         self._witness: dict[tuple[str, bytes], str] = {}
@@ -172,77 +194,92 @@ class _Disassembly:
     def _sorted(self, axes: Iterable[Array]) -> list[Array]:
         """Return directions and their opposites, the main ones too, those that are closest to up first."""
         both = (sign * axis for axis in axes for sign in (1.0, -1.0))
-        found = list(different([*main_directions(self._up), *both]))
+        found = different([*main_directions(self._up), *both])
         order = np.argsort(-np.round(np.array(found) @ self._up, 6), kind="stable")
         return [found[k] for k in order]
 
     def plan(self, names: Collection[str], base: str) -> AssemblyPlan:
         """Return how some of the bodies are put together, however the others are."""
+        frame = frame_along(self._up)
+        own = {name: self._bodies[name] for name in names}
+        rules = self._rules
+        if len(own) > _MOST_TILTED:
+            rules = replace(rules, tilt=0.0)
+        states = StandingStates(own, self._patches, base, frame, rules)
         remaining = dict.fromkeys(names)
-        removed: list[tuple[tuple[str, ...], Array]] = []
+        removed: list[_Removal] = []
         while len(remaining) > 1:
-            group, direction = self._removable(remaining, base)
-            removed.append((group, direction))
-            for name in group:
+            removed.append(self._removable(remaining, base, states))
+            for name in removed[-1].bodies:
                 del remaining[name]
+        removed.reverse()
+        groups = [removal.bodies for removal in removed]
+        holds = states.holds(groups)
         order = self._precedence(removed)
+        order.add_edges_from(states.waits(groups, list(order.edges), holds))
+        needed = nx.transitive_reduction(order)
         steps = []
-        for k in reversed(range(len(removed))):
-            group, direction = removed[k]
-            later = {n for m in nx.descendants(order, k) for n in removed[m][0]}
-            there = [n for n in names if n not in later and n not in group]
+        for k, removal in enumerate(removed):
+            later = {n for m in nx.descendants(order, k) for n in groups[m]}
+            there = [n for n in names if n not in later and n not in removal.bodies]
             length = max(
-                clear_distance(self._blocking, name, there, direction) for name in group
+                self._blocking.clear_length(name, there, removal.direction)
+                for name in removal.bodies
             )
             inner = None
-            if len(group) > 1:
-                first = max(group, key=lambda name: self._volume[name])
-                inner = self.plan(group, first)
-            x, y, z = (-direction + 0.0).tolist()
-            after = tuple(
-                n for m in sorted(order.predecessors(k)) for n in removed[m][0]
+            if len(removal.bodies) > 1:
+                first = max(removal.bodies, key=lambda name: self._volume[name])
+                inner = self.plan(removal.bodies, first)
+            x, y, z = (-removal.direction + 0.0).tolist()
+            after = tuple(n for m in sorted(needed.predecessors(k)) for n in groups[m])
+            steps.append(
+                StraightInsertion(removal.bodies, (x, y, z), length, after, inner)
             )
-            steps.append(StraightInsertion(group, (x, y, z), length, after, inner))
-        return AssemblyPlan(base, tuple(steps))
+        return AssemblyPlan(base, tuple(steps), holds=holds)
+
+    def fits(self) -> tuple[BodyFit, ...]:
+        """Return the fits of all bodies."""
+        return find_fits(self._blocking, self._patches)
 
     def _removable(
-        self, remaining: Mapping[str, None], base: str
-    ) -> tuple[tuple[str, ...], Array]:
-        """Return what can be removed next, and along which direction."""
-        best: tuple[float, float, str, Array] | None = None
-        for name in remaining:
-            if name == base:
-                continue
-            free = self._free(name, remaining, self._directions[name])
-            for direction in self._steepest(name, remaining, free):
-                rank = round(float(direction @ self._up), 6), self._height[name]
-                if best is None or rank > best[:2]:
-                    best = *rank, name, direction
-        if best is None:
+        self, remaining: Mapping[str, None], base: str, states: StandingStates
+    ) -> _Removal:
+        """Return what is removed next: what leaves the rest standing, upwards where possible, the highest first."""
+        found: list[tuple[float, float, _Removal]] = []
+        for directions in (self._directions, dict.fromkeys(remaining, self._all)):
             for name in remaining:
-                for direction in self._free(name, remaining, self._all):
-                    if name != base:
-                        return (name,), direction
-        if best is not None:
-            return (best[2],), best[3]
-        return self._sub_assembly(remaining, base)
+                if name == base:
+                    continue
+                free = self._free(name, remaining, directions[name])
+                if (direction := next(free, None)) is not None:
+                    steep = round(float(direction @ self._up), 6)
+                    removal = _Removal((name,), direction)
+                    found.append((steep, self._height[name], removal))
+            if found:
+                break
+        if not found:
+            return self._sub_assembly(remaining, base)
+        found.sort(key=lambda item: item[:2], reverse=True)
+        enough = states.falling(remaining)
+        best, least = found[0][2], len(remaining)
+        for *_, removal in found:
+            falling = states.falling(remaining.keys() - set(removal.bodies))
+            if falling < least:
+                best, least = removal, falling
+            if falling <= enough:
+                break
+        return self._shortest(best, remaining)
 
-    def _steepest(
-        self, name: str, remaining: Mapping[str, None], free: Iterator[Array]
-    ) -> list[Array]:
-        """Return the first direction of those that are equally steep, the one with the shortest motion."""
-        first = next(free, None)
-        if first is None:
-            return []
-        steep = float(first @ self._up)
-        even = takewhile(lambda d: abs(float(d @ self._up) - steep) < 1e-6, free)
-        found = [first, *even]
-        if len(found) > 1:
-            others = [other for other in remaining if other != name]
-            found.sort(
-                key=lambda d: round(clear_distance(self._blocking, name, others, d), 4)
-            )
-        return found[:1]
+    def _shortest(self, removal: _Removal, remaining: Mapping[str, None]) -> _Removal:
+        """Return the removal of a body along the direction as steep as the given one that is clear soonest."""
+        (name,), steep = removal.bodies, float(removal.direction @ self._up)
+        others = [other for other in remaining if other != name]
+        even = [
+            d for d in self._directions[name] if abs(float(d @ self._up) - steep) < 1e-6
+        ]
+        free = list(self._free(name, remaining, even)) or [removal.direction]
+        lengths = [self._blocking.clear_length(name, others, d) for d in free]
+        return _Removal((name,), free[int(np.round(lengths, 4).argmin())])
 
     def _free(
         self, name: str, remaining: Mapping[str, None], directions: Sequence[Array]
@@ -277,17 +314,20 @@ class _Disassembly:
         )
         return graph
 
-    def _sub_assembly(
-        self, remaining: Mapping[str, None], base: str
-    ) -> tuple[tuple[str, ...], Array]:
-        best: tuple[tuple[str, ...], Array] | None = None
-        for direction in self._all:
-            graph = self._graph(remaining, direction)
-            parts = nx.condensation(graph)
+    def _sub_assembly(self, remaining: Mapping[str, None], base: str) -> _Removal:
+        """Return a group of bodies that can be removed as one, the smallest along common directions if there is one."""
+        best: _Removal | None = None
+        for number, direction in enumerate(self._all):
+            if best is not None and (
+                number == len(self._common) or len(best.bodies) == 2
+            ):
+                break
+            parts = nx.condensation(self._graph(remaining, direction))
             for part, members in parts.nodes(data="members"):
                 free = parts.out_degree(part) == 0 and base not in members
-                if free and (best is None or len(members) < len(best[0])):
-                    best = tuple(n for n in remaining if n in members), direction
+                if free and (best is None or len(members) < len(best.bodies)):
+                    group = tuple(n for n in remaining if n in members)
+                    best = _Removal(group, direction)
         if best is None:
             raise self._locked(list(remaining))
         return best
@@ -311,21 +351,19 @@ class _Disassembly:
         ordered = sorted(pairs, key=lambda pair: (rank[pair[0]], rank[pair[1]]))
         return InterlockedError(names, ordered, len(self._all))
 
-    def _precedence(
-        self, removed: Sequence[tuple[tuple[str, ...], Array]]
-    ) -> nx.DiGraph[int]:
-        """Return which removals come after which, none that others imply."""
+    def _precedence(self, removed: Sequence[_Removal]) -> nx.DiGraph[int]:
+        """Return which insertions must come before which, as the former could not be done after the latter."""
         graph: nx.DiGraph[int] = nx.DiGraph()
         graph.add_nodes_from(range(len(removed)))
-        for k, (group, direction) in enumerate(removed):
+        for k, removal in enumerate(removed):
             graph.add_edges_from(
                 (k, m)
-                for m, (others, _) in enumerate(removed)
+                for m, others in enumerate(removed)
                 if m != k
                 and any(
-                    self._blocking.blocks(other, name, direction)
-                    for name in group
-                    for other in others
+                    self._blocking.blocks(other, name, removal.direction)
+                    for name in removal.bodies
+                    for other in others.bodies
                 )
             )
-        return nx.transitive_reduction(graph)
+        return graph

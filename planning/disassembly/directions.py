@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import combinations
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy as np
 from planning.disassembly.reduced_surface import Surface
 from planning.transforms import Array
 
-_SAME = 1e-4
-"""Directions that differ by less count as equal, which is 0.03 mm over 300 mm."""
+_DIGITS = 4
+"""Directions that are equal in so many digits are one, which is within 0.03 mm over 300 mm."""
 
 _MOST_FACES = 12
 """Greatest number of face directions of a body, those of the largest area first."""
@@ -24,6 +24,9 @@ _LEAST_SINE = 0.05
 
 _LEAST_SHARE = 0.01
 """Faces of one direction with a smaller share of the area of a body do not count."""
+
+_MOST_COMMON = 24
+"""Greatest number of directions, each with its opposite, that all bodies are tried along."""
 
 _SPREAD = 96
 """Number of directions spread over the sphere."""
@@ -43,9 +46,7 @@ def face_directions(surface: Surface) -> Array:
     An axis is perpendicular to two of the normals. That of a bore or a pin is perpendicular to all the normals
     around it, so it has the most area beside it. Of a direction and its opposite, only one is there.
     """
-    corners = surface.vertices[surface.faces]
-    spans = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(spans, axis=1)
+    area = surface.areas
     signs = np.sign(np.round(surface.normals, 6))
     # Of a direction and its opposite, the one whose first coordinate that is not 0 is positive.
     first = signs[np.arange(len(signs)), (signs != 0.0).argmax(axis=1)]
@@ -60,11 +61,23 @@ def face_directions(surface: Surface) -> Array:
     ]
     axes = (np.cross(a, b) for a, b in combinations(faces, 2))
     long = (axis for axis in axes if np.linalg.norm(axis) > _LEAST_SINE)
-    known = list(different([*faces, *(axis / np.linalg.norm(axis) for axis in long)]))
+    if not faces:
+        return np.empty((0, 3))
+    known = different([*faces, *(axis / np.linalg.norm(axis) for axis in long)])
     beside = np.abs(surface.normals @ np.array(known).T) < 1e-3
     order = np.argsort(-(area @ beside), kind="stable")[:_MOST_AXES]
     best = [known[k] for k in order]
-    return np.array(list(different([*best, *faces[:_MOST_AXES]])))
+    return np.array(different([*best, *faces[:_MOST_AXES]]))
+
+
+def most_common(directions: Iterable[Array]) -> list[Array]:
+    """Return the directions of bodies that most of them have, given those of each, shape (n, 3) each."""
+    rows = np.vstack([np.empty((0, 3)), *directions])
+    _, first, count = np.unique(
+        np.round(rows, _DIGITS) + 0.0, axis=0, return_index=True, return_counts=True
+    )
+    order = np.lexsort([first, -count])[:_MOST_COMMON]
+    return [rows[first[k]] for k in order]
 
 
 def spread_directions() -> Array:
@@ -77,10 +90,8 @@ def spread_directions() -> Array:
     return np.vstack([half, -half])
 
 
-def different(directions: Iterable[Array]) -> Iterator[Array]:
-    """Yield the directions that differ from all before them."""
-    known: list[Array] = []
-    for direction in directions:
-        if all(np.abs(direction - other).max() > _SAME for other in known):
-            known.append(direction)
-            yield direction
+def different(directions: Iterable[Array]) -> list[Array]:
+    """Return the directions that differ from all before them."""
+    rows = np.vstack([np.empty((0, 3)), *directions])
+    _, first = np.unique(np.round(rows, _DIGITS) + 0.0, axis=0, return_index=True)
+    return [rows[k] for k in np.sort(first)]

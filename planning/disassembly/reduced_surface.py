@@ -1,8 +1,6 @@
 """Surfaces of bodies that are reduced a little, so that what touches, or fits tightly, is apart.
 
-Every vertex is moved into its body, such that each plane at it moves by the same distance. Planes of a concave
-rounding are chords that lie in front of the true surface, by the error of the chord. They are moved that much farther, so
-that a pin fits into a bore of its own diameter however coarse both are.
+Every vertex is moved into its body, such that each plane at it moves by the same distance.
 """
 
 from __future__ import annotations
@@ -15,9 +13,6 @@ from planning.disassembly.body import AssemblyBody
 from planning.disassembly.triangle_tree import TriangleTree, build_tree
 from planning.errors import ShapeError
 from planning.transforms import Array, Indices
-
-SMOOTH = np.radians(40.0)
-"""Facets that are turned from each other by less approximate a rounding."""
 
 _MOST_TRIANGLES = 400_000
 """Greatest number of triangles of a body."""
@@ -37,21 +32,25 @@ class Surface:
         vertices: shape (v, 3) [m].
         faces: triangles, corners counter-clockwise seen from outside, shape (f, 3).
         normals: outward unit normals of the triangles, shape (f, 3).
+        areas: of the triangles, shape (f,) [m^2].
         inward: displacement of the vertices that moves the planes at them by 1 into the body, shape (v, 3).
-        chord: what is added to the distance by which the planes at a vertex are moved, shape (v,) [m].
+        pairs: triangles that share an edge, shape (e, 2).
+        bends: angles between their normals, shape (e,) [rad].
         tree: boxes around the triangles.
     """
 
     vertices: Array
     faces: Indices
     normals: Array
+    areas: Array
     inward: Array
-    chord: Array
+    pairs: Indices
+    bends: Array
     tree: TriangleTree
 
     def reduced(self, by: float) -> Array:
         """Return the vertices of the surface that lies deeper by a distance, shape (v, 3) [m]."""
-        return np.asarray(self.vertices + (by + self.chord)[:, None] * self.inward)
+        return np.asarray(self.vertices + by * self.inward)
 
 
 def surface_of(body: AssemblyBody) -> Surface:
@@ -78,13 +77,14 @@ def surface_of(body: AssemblyBody) -> Surface:
         raise ShapeError(f"{body.name} has no volume")
     vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, np.int64)
     normals = np.array(mesh.face_normals)
-    inward = _inward(vertices, faces, normals, np.array(mesh.face_angles))
     return Surface(
         vertices,
         faces,
         normals,
-        inward,
-        _chord_errors(mesh, len(vertices)),
+        np.asarray(mesh.area_faces),
+        _inward(vertices, faces, normals, np.asarray(mesh.face_angles)),
+        np.asarray(mesh.face_adjacency),
+        np.asarray(mesh.face_adjacency_angles),
         build_tree(vertices, faces),
     )
 
@@ -105,20 +105,3 @@ def _inward(vertices: Array, faces: Indices, normals: Array, angles: Array) -> A
     out = -np.einsum("vxk,vk->vx", axes, shares)
     length = np.linalg.norm(out, axis=1, keepdims=True)
     return np.asarray(out * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-12)))
-
-
-def _chord_errors(mesh: object, count: int) -> Array:
-    """Return the greatest distance of concave chords at each vertex from the arc that they approximate [m]."""
-    import trimesh
-
-    assert isinstance(mesh, trimesh.Trimesh)
-    out = np.zeros(count)
-    angle = np.asarray(mesh.face_adjacency_angles)
-    bent = ~np.asarray(mesh.face_adjacency_convex) & (angle > 1e-4) & (angle < SMOOTH)
-    edges = np.asarray(mesh.face_adjacency_edges)[bent]
-    length = np.linalg.norm(np.diff(mesh.vertices[edges], axis=1)[:, 0], axis=1)
-    area = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)[bent]]
-    width = 2.0 * area.min(axis=1) / np.maximum(length, 1e-12)
-    error = 0.5 * width * np.tan(0.25 * angle[bent])
-    np.maximum.at(out, edges, error[:, None])
-    return out
