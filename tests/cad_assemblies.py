@@ -135,40 +135,50 @@ def drawer() -> Any:
             _body("drawer", box, (201, 162, 75), (-35, -5, 24.9)),
             _body("drawer", box, (201, 162, 75), (35, -5, 24.9)),
             _body("lid", lid, (88, 118, 152), (0, 0, 58)),
-            _body("dowel", dowel, (170, 174, 180), (-20, 0, 65)),
-            _body("dowel", dowel, (170, 174, 180), (20, 0, 65)),
+            _body("dowel", dowel, (170, 174, 180), (-20, 0, 57)),
+            _body("dowel", dowel, (170, 174, 180), (20, 0, 57)),
         ],
     )
 
 
-def stack(plates: int = 3, pins: int = 4) -> Any:
-    """Plates on a base, with screws as pins through all of them."""
+def stack() -> Any:
+    """Three plates on a base, with four screws as pins through all of them."""
     from build123d import Box, Cylinder, Pos
 
-    columns = max(1, pins // 2)
-    places = [
-        ((i % columns - (columns - 1) / 2) * min(60 / columns, 40), y)
-        for y in (-18, 18)
-        for i in range(columns)
-    ][:pins]
     base, plate = Box(120, 80, 20), Box(90, 56, 12)
-    for x, y in places:
+    for x, y in _corners(15, 18):
         base -= Pos(x, y, 5) * Cylinder(3 + PLAY, 20)
         plate -= Pos(x, y, 0) * Cylinder(3 + PLAY, 20)
-    high = 12.0 * plates
-    screw = _screw(3, high + 12, 5, 14)
+    screw = _screw(3, 48, 5, 14)
     return _assembly(
         "stack",
         [
             _body("base", base, (120, 130, 140), (0, 0, 10)),
             *(
                 _body("plate", plate, (88, 118, 152), (0, 0, 26 + 12.0 * k))
-                for k in range(plates)
+                for k in range(3)
             ),
             *(
-                _body("screw", screw, (70, 74, 82), (x, y, 20 + high))
-                for x, y in places
+                _body("screw", screw, (70, 74, 82), (x, y, 56))
+                for x, y in _corners(15, 18)
             ),
+        ],
+    )
+
+
+def board() -> Any:
+    """A board with nineteen pegs in blind holes."""
+    from build123d import Box, Cylinder, Pos
+
+    plate, peg = Box(290, 190, 20), Cylinder(8, 40)
+    places = [(50.0 * (k % 5) - 100, 50.0 * (k // 5) - 75) for k in range(19)]
+    for x, y in places:
+        plate -= Pos(x, y, 5) * Cylinder(8 + PLAY, 20)
+    return _assembly(
+        "board",
+        [
+            _body("plate", plate, (120, 130, 140), (0, 0, 10)),
+            *(_body("peg", peg, (201, 162, 75), (x, y, 25)) for x, y in places),
         ],
     )
 
@@ -267,7 +277,7 @@ ASSEMBLIES: Mapping[str, Callable[[], Any]] = {
     "hinge": hinge,
     "drawer": drawer,
     "stack": stack,
-    "large-stack": lambda: stack(5, 14),
+    "board": board,
     "puzzle": puzzle,
     "interlocked": interlocked,
 }

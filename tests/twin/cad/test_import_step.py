@@ -23,7 +23,7 @@ COUNTS = {
     "hinge": {"leaf_b": 1, "pin": 1},
     "drawer": {"drawer": 2, "lid": 1, "dowel": 2},
     "stack": {"plate": 3, "screw": 4},
-    "large-stack": {"plate": 5, "screw": 14},
+    "board": {"peg": 19},
     "puzzle": {"ring_1": 1, "ring_2": 1, "ring_3": 1, "lock": 1},
 }
 """Parts of each assembly and how many of them there are."""
