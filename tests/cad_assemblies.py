@@ -118,25 +118,25 @@ def drawer() -> Any:
     """Two drawers that slide into a cabinet from its front, -y, and its lid with two dowels."""
     from build123d import Box, Cylinder, Pos
 
-    cabinet = Box(150, 80, 50)
+    cabinet = Box(150, 80, 64)
     box = Box(59.8, 70, 29.8) - Pos(0, 0, 5) * Box(50, 60, 29.8)
     # A tongue at the front, by which it is held.
     box += Pos(0, -65, 0) * Box(16, 60, 12)
     lid = Box(60, 70, 16)
     dowel = Cylinder(4, 40)
     for x in (-35, 35):
-        cabinet -= Pos(x, -10, 0) * Box(60, 80, 30)
-        cabinet -= Pos(x / 35 * 20, 0, 20) * Cylinder(4 + PLAY, 16)
+        cabinet -= Pos(x, -10, -7) * Box(60, 80, 30)
+        cabinet -= Pos(x / 35 * 20, 0, 26) * Cylinder(4 + PLAY, 20)
         lid -= Pos(x / 35 * 20, 0, 0) * Cylinder(4 + PLAY, 40)
     return _assembly(
         "drawer",
         [
-            _body("cabinet", cabinet, (120, 130, 140), (0, 0, 25)),
+            _body("cabinet", cabinet, (120, 130, 140), (0, 0, 32)),
             _body("drawer", box, (201, 162, 75), (-35, -5, 24.9)),
             _body("drawer", box, (201, 162, 75), (35, -5, 24.9)),
-            _body("lid", lid, (88, 118, 152), (0, 0, 58)),
-            _body("dowel", dowel, (170, 174, 180), (-20, 0, 57)),
-            _body("dowel", dowel, (170, 174, 180), (20, 0, 57)),
+            _body("lid", lid, (88, 118, 152), (0, 0, 72)),
+            _body("dowel", dowel, (170, 174, 180), (-20, 0, 68)),
+            _body("dowel", dowel, (170, 174, 180), (20, 0, 68)),
         ],
     )
 
