@@ -72,6 +72,18 @@ class PartType:
         return np.asarray(own @ to_type[:3, :3].T + to_type[:3, 3])
 
     @property
+    def is_milled(self) -> bool:
+        """Whether it is a mesh whose faces are all along one axis of its frame or across it: such are cut at once."""
+        if self.form is not None:
+            return False
+        a, b, c = (self.vertices[self.placed[0].body.faces[:, k]] for k in range(3))
+        across = np.cross(b - a, c - a)
+        size = np.linalg.norm(across, axis=1)
+        along = np.abs(across[size > 1e-12]) / size[size > 1e-12][:, None]
+        either = (along < 1e-3) | (along > 1.0 - 1e-3)
+        return bool(either.all(axis=0).any())
+
+    @property
     def volume(self) -> float:
         """Volume of one of them [m^3]."""
         return self.placed[0].body.volume

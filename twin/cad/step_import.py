@@ -327,7 +327,7 @@ class _Writer:
             for other, gap in nearby_entities(own, others, 0.0).items():
                 if gap < -_FILLED and overlap_depth(own, placed[other]) <= ROUNDING:
                     found = (kinds[name], kinds[other])
-                    fine |= {kind.name: kind for kind in found if kind.form is None}
+                    fine |= {kind.name: kind for kind in found if kind.is_milled}
         for kind in fine.values():
             self._shapes[kind.name]["shape"]["within_m"] = _FINE
             try:
