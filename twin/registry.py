@@ -225,6 +225,7 @@ HOOKS = Group(
         "design": "twin.explorations.designs:begin_named_design",
         "assignment search": "planning.assignment_search.search:search_assignments",
         "makespan bound": "planning.makespan_bound.makespan_bound:makespan_bound_s",
+        "vendor files": "planning.vendor_files.vendor_files:with_vendor_files",
     },
 )
 """Functions of optional parts that the core calls where they are installed."""

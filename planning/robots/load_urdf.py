@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -77,6 +78,7 @@ def load_urdf(
     upper = read_only_copy([joint.upper for joint in joints])
     chain = _chain(description, model)
     parts = _parts(model, geometry, set(hanging))
+    ignored = frozenset(known.ignored)
     home = np.zeros(len(lower)) if known.home is None else known.home
     rest = np.clip(home, lower, upper)
     speeds = known.velocity or [joint.velocity for joint in joints]
@@ -92,12 +94,26 @@ def load_urdf(
         flange=read_only_copy(flange),
         frames={key: read_only_copy(pose) for key, pose in frames.items()},
         parts=parts,
-        never_collide=never_colliding_pairs(chain, parts, lower, upper, rest),
+        never_collide=never_colliding_pairs(chain, parts, lower, upper, rest)
+        | _pairs_of_links(parts, ignored),
         home=read_only_copy(rest),
         flange_link=flange_name,
         grip=known.grip,
         drives=_drives(root, description, known, set(hanging)),
         inertias=_inertias(model),
+        ignored_contacts=ignored,
+    )
+
+
+def _pairs_of_links(
+    parts: tuple[LinkPart, ...], links: frozenset[tuple[str, str]]
+) -> frozenset[tuple[int, int]]:
+    """Return the pairs of part indices (low, high) of pairs of links."""
+    either = {frozenset(pair) for pair in links}
+    return frozenset(
+        (i, j)
+        for (i, a), (j, b) in combinations(enumerate(parts), 2)
+        if frozenset((a.link, b.link)) in either
     )
 
 

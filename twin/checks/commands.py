@@ -52,6 +52,8 @@ def check(
         if not view.quiet:
             for fit in report.fits:
                 typer.echo(f"step {fit.step}: {fit.words}")
+            for note in report.notes:
+                typer.echo(note)
             typer.echo(f"{scenario}: {verdict(report)}")
             if picture is not None:
                 typer.echo(f"picture: {picture}")

@@ -24,6 +24,7 @@ from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.registry import ROBOTS, robot_model
 from planning.timing.torque import explain_unchecked_efforts
 from planning.transforms import Array, Transform, identity, inverse
+from twin.checks.ignored_contacts import exemption_words, overlap_words
 from twin.checks.overview import LinkRow, Overview, robot_overview
 from twin.checks.tools import finger_gap, frame_warnings
 from twin.checks.views import (
@@ -36,6 +37,7 @@ from twin.checks.views import (
 )
 from twin.drawing.pictures import INK, new_picture
 from twin.host.atomic_files import save_png
+from twin.planning.fitted_robots import described_model
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
 _VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), Viewpoint.from_side())
@@ -203,7 +205,7 @@ def robot_sheets(
     if which not in ROBOTS and Path(which).suffix.lower() in (".yaml", ".yml"):
         return _of_scenario(Path(which))
     try:
-        model = robot_model(which, None, Fitting(held=held, flange=flange))
+        model = described_model(which, Path(), Fitting(held=held, flange=flange))
     except RobotModelError as error:
         if which in ROBOTS:
             raise
@@ -211,7 +213,7 @@ def robot_sheets(
             given = GivenLimits(velocity=(1.0,))
             with suppress(RobotModelError):
                 fitting = Fitting(held=held, flange=flange, limits=given)
-                model = robot_model(which, None, fitting)
+                model = described_model(which, Path(), fitting)
                 return (_of_robot(model, str(model.name), error.message),)
         path = resolve_file_name(which, Path(), RobotModelError).resolve()
         if not path.is_file() or flange is not None:
@@ -244,6 +246,8 @@ def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
     """Return the sheet of a robot; without speeds in its description, with the reason."""
     found = robot_overview(model)
     words = [f"{model.dof} joints; HOME {_list(model.home)} rad or m", *found.words]
+    words += exemption_words(model)
+    words += [f"doubtful: {text}" for text in overlap_words(model)]
     joints, rows = _joints(found)
     if no_speeds:
         words.append(f"no scenario can use it as it is: {no_speeds}")

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Element
 from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.files import resolve_file_name
-from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.descriptions.fitting import BY_HAND, Fitting, Tool
 from planning.robots.descriptions.urdf_file import BY_JOINT, GivenLimits
-from planning.robots.registry import robot_model, with_tool
+from planning.robots.registry import ROBOTS, robot_model, with_tool
 from twin.planning.shapes import build_shape
+from twin.registry import HOOKS
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
 from twin.scenario.sections.shapes import ShapeSection, to_planning_class
+
+_VENDOR = "vendor files"
+"""Hook that reads what a vendor gives beside a description."""
+
+_OF_VENDOR = ("srdf", "home")
+"""Keys of a robot for that hook."""
+
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 def fitted_model(
@@ -32,24 +43,66 @@ def fitted_model(
         RobotModelError: the description of the robot cannot be used.
     """
     if robot.tools:
-        return robot_model(robot.model, folder, _fitting(robot, bare=True))
+        return _model_of(robot, robot.model, folder, _fitting(robot, tools, bare=True))
     own = tools.get(robot.tool or "")
     if own is None and robot.tool is not None:
-        robot_model(robot.model, folder)  # a missing model is reported first
+        _model_of(robot, robot.model, folder, Fitting())  # a missing one comes first
     model = robot.model if own else with_tool(robot.model, robot.tool, tuple(tools))
     tool = build_tool(str(robot.tool), own, folder) if own else None
-    return robot_model(model, folder, _fitting(robot, tool))
+    return _model_of(robot, model, folder, _fitting(robot, tools, tool))
+
+
+def _model_of(
+    robot: RobotSection, model: str, folder: Path, fitting: Fitting
+) -> RobotModel:
+    given = {key: value for key in _OF_VENDOR if (value := getattr(robot, key))}
+    if robot.srdf is False:
+        given["srdf"] = False
+    return described_model(model, folder, fitting, given)
+
+
+def described_model(
+    model: str, folder: Path, fitting: Fitting, given: Mapping[str, Any] = _NOTHING
+) -> RobotModel:
+    """Return a robot model with what its vendor says in further files.
+
+    Args:
+        model: name of a registered robot or path of a description.
+        folder: where relative paths start.
+        fitting: changes of the cell.
+        given: the keys ``srdf`` and ``home`` of the robot, as far as given.
+
+    Raises:
+        RobotModelError: a file cannot be used.
+    """
+    if model in ROBOTS:
+        for key in given:
+            raise FittingError(f"{model!r} is a registered robot: no {key}", key=key)
+    elif given or _VENDOR in HOOKS:
+        read = HOOKS.require(_VENDOR, "a model with " + ", ".join(given))
+        model, fitting = read(model, folder, fitting, **given)
+    return robot_model(model, folder, fitting)
 
 
 def _fitting(
-    robot: RobotSection, tool: Tool | None = None, *, bare: bool = False
+    robot: RobotSection,
+    tools: Mapping[str, ToolSection],
+    tool: Tool | None = None,
+    *,
+    bare: bool = False,
 ) -> Fitting:
+    others = tuple(f"{n}." for n in tools if tool is None or n != tool.name)
     return Fitting(
         tool=tool,
         bare=bare,
         flange=robot.flange,
         held=robot.joints,
         limits=build_limits(robot.limits),
+        ignored={
+            (first, second): BY_HAND
+            for first, second in robot.ignore_contacts
+            if not (first.startswith(others) or second.startswith(others))
+        },
     )
 
 

@@ -6,7 +6,7 @@ description of a vendor.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
@@ -188,12 +188,14 @@ def fitted_description(
     _complete_limits(root)
     arm = serial_chain(root, path, package_dirs)
     with _located_errors("flange", fitting.flange is not None):
-        flange = flange_link(arm, fitting.flange or known.flange_link)
+        wanted = fitting.flange or known.flange_link
+        flange = flange_link(arm, wanted, fitting.proposed)
     if fitting.flange in (None, known.flange_link):
         flange = _with_offset(root, flange, known.flange_offset)
     else:  # what is known of the tool is given in the frame of another flange
         known = replace(known, frames=None)
     _meshes_in_full(root, dirs)
+    links_before = _link_names(root)
     if fitting.tool is not None:
         with _located_errors("tool", True):
             _take_off(root, frozenset(known.tool_links or ()), flange, path)
@@ -211,9 +213,35 @@ def fitted_description(
         known = replace(known, home=None)
     if fitting.limits.payload is not None:
         known = replace(known, payload=fitting.limits.payload)
+    if known.home is None and fitting.home.keys() >= {j.name for j in arm.joints}:
+        home = tuple(fitting.home[joint.name] for joint in arm.joints)
+        known = replace(known, home=home)
+    ignored = _ignored_pairs(root, links_before, fitting.ignored)
+    known = replace(known, ignored={**known.ignored, **ignored})
     _tidy(root)
     write_options(root, replace(known, flange_link=flange))
     return root
+
+
+def _link_names(root: Element) -> list[str]:
+    return [str(link.get("name")) for link in root.findall("link")]
+
+
+def _ignored_pairs(
+    root: Element, before: Sequence[str], given: Mapping[tuple[str, str], str]
+) -> dict[tuple[str, str], str]:
+    """Return the given pairs of links that are there; ``before`` are those before a tool was mounted.
+
+    Raises:
+        FittingError: a pair names a link that neither the robot nor its tool has.
+    """
+    now = _link_names(root)
+    for name in (name for pair in given for name in pair):
+        if name not in now and name not in before:
+            raise FittingError(
+                f"there is no link {name!r}", key="ignore_contacts", choices=tuple(now)
+            )
+    return {pair: why for pair, why in given.items() if set(pair) <= set(now)}
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from planning.bounds import (
     HEAVIEST_KG,
     LARGEST_M,
     LONGEST_S,
+    MOST_ELEMENTS,
     MOST_OF_TEAM,
     MOST_ROBOTS,
     SLOWEST,
@@ -36,6 +37,7 @@ from twin.uncertainty.base_errors import PoseErrorSection
 
 Opening = Annotated[float, Field(ge=0, le=10)]
 JointName = Annotated[str, Field(min_length=1, max_length=256)]
+PathName = Annotated[str, Field(min_length=1, max_length=4096)]
 HeldJoints = dict[JointName, Coordinate]
 ActuationTime = AnyDuration | Annotated[float, Field(ge=0, le=LONGEST_S)]
 
@@ -222,6 +224,12 @@ class RobotSection(Section):
         limits: of its joints, in place of the model's.
         joints: joints of the model that are held, such as fingers, and at what values [rad or m];
             what mimics one follows.
+        srdf: path of the maker's SRDF file; default: the one that lies with the model. false for none:
+            what the maker says of pairs of links, HOME and flange is not used.
+        home: a pose that the maker names, such as a group state of the SRDF file, as HOME; default: the
+            one called home, else ready.
+        ignore_contacts: pairs of links of the robot, or of its tool as TOOL.LINK, that may overlap: nothing
+            checks them.
         frames: tool frames, each a pose in the flange frame; they replace the model's.
         repeatability_m: of its positioning, RP of ISO 9283, with which it puts parts where they
             fit; how often they do is not looked at when not given.
@@ -239,11 +247,16 @@ class RobotSection(Section):
     home_deg: Configuration | None = None
     home_rad_or_m: Configuration | None = None
     parked: ParkedSection | None = None
+    srdf: PathName | Literal[False] | None = None
+    home: JointName | None = None
+    ignore_contacts: Annotated[
+        tuple[PairOf[JointName], ...], Field(max_length=MOST_ELEMENTS)
+    ] = ()
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     repeatability_m: Annotated[float, Field(ge=0, le=0.1)] | None = None
     base_error: PoseErrorSection | None = None
 
-    not_both = (("tool", "tools"), ("home_deg", "home_rad_or_m", "parked"))
+    not_both = (("tool", "tools"), ("home_deg", "home_rad_or_m", "parked", "home"))
 
     @model_validator(mode="after")
     def _several_tools(self) -> RobotSection:
