@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 from xml.etree.ElementTree import Element
 
@@ -20,9 +21,12 @@ from planning.vendor_files.semantics import (
     mjcf_semantics,
     srdf_semantics,
 )
+from planning.vendor_files.xacro_file import is_xacro, stored_xacro, xacro_root
 
 _HOMES = ("home", "ready")
 """Names of poses that are HOME where the cell names none, best first; in any case of letters."""
+
+_NO_ARGUMENTS: Mapping[str, str | float | bool] = MappingProxyType({})
 
 _SLACK = 1e-3
 """Excess over a joint limit that is taken for rounding [rad or m]."""
@@ -35,6 +39,7 @@ def with_vendor_files(
     *,
     srdf: str | Literal[False] | None = None,
     home: str | None = None,
+    xacro: Mapping[str, str | float | bool] = _NO_ARGUMENTS,
 ) -> tuple[str, Fitting]:
     """Return the path of a description as URDF or MJCF, and the changes that a cell makes to it.
 
@@ -45,6 +50,7 @@ def with_vendor_files(
         srdf: path of the SRDF file; None for the one that lies with the description, False for none of
             what the vendor says.
         home: name of the pose that is HOME; None for the one called home, else ready.
+        xacro: arguments of a description in xacro.
 
     Raises:
         RobotModelError: a file cannot be used.
@@ -53,8 +59,14 @@ def with_vendor_files(
     path = resolve_file_name(model, folder, RobotModelError)
     if not is_file(path):
         return model, fitting  # which is reported by whoever reads it
-    path = path.resolve()
-    said = None if srdf is False else _semantics(path, folder, srdf)
+    source = path = path.resolve()
+    if is_xacro(source):
+        path = stored_xacro(source, xacro)
+    elif xacro:
+        raise FittingError(f"{path} is no xacro file", key="xacro")
+    said = None
+    if srdf is not False:
+        said = _semantics(path, source, folder, srdf, xacro)
     if said is None:
         if home is not None:
             raise FittingError(f"{path} comes with no named poses", key="home")
@@ -76,15 +88,25 @@ def with_vendor_files(
     )
 
 
-def _semantics(path: Path, folder: Path, srdf: str | None) -> Semantics | None:
+def _semantics(
+    path: Path,
+    source: Path,
+    folder: Path,
+    srdf: str | None,
+    xacro: Mapping[str, str | float | bool],
+) -> Semantics | None:
+    """Return what the vendor says of a description that was made of a source."""
     if srdf is None:
         known = mjcf_semantics(path)
         if known is not None:
             return known
-        found = find_srdf(path, read_description(path).get("name", ""))
+        found = find_srdf(source, read_description(path).get("name", ""))
         return None if found is None else srdf_semantics(found)
     try:
-        return srdf_semantics(resolve_file_name(srdf, folder, RobotModelError))
+        file = resolve_file_name(srdf, folder, RobotModelError).resolve()
+        if is_xacro(file) and is_file(file):
+            return srdf_semantics(file, xacro_root(file, xacro))
+        return srdf_semantics(file)
     except RobotModelError as error:
         raise FittingError(error.message, key="srdf", choices=error.choices) from None
 

@@ -89,6 +89,12 @@ def robots(
         str | None,
         typer.Option(metavar="LINK", help="The link that is the flange."),
     ] = None,
+    xacro: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE", help="An argument of a description in xacro."
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Folder for a picture of each."),
@@ -105,7 +111,8 @@ def robots(
         return
     from twin.checks.robot_sheet import robot_sheets
 
-    sheets = robot_sheets(model, _values(hold or []), flange)
+    arguments = dict(text.partition("=")[::2] for text in xacro or [])
+    sheets = robot_sheets(model, _values(hold or []), flange, arguments)
     pictures = {sheet.title: _draw(sheet.picture, out) for sheet in sheets}
     if as_json:
         print_json(

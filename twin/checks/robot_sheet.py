@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import DriveLimits, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import FittingError, RobotModelError
-from planning.files import resolve_file_name
 from planning.kinematics.kinematics import joint_poses_of
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import GivenLimits
@@ -37,7 +37,7 @@ from twin.checks.views import (
 )
 from twin.drawing.pictures import INK, new_picture
 from twin.host.atomic_files import save_png
-from twin.planning.fitted_robots import described_model
+from twin.planning.fitted_robots import described_file, described_model
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
 _VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), Viewpoint.from_side())
@@ -46,6 +46,8 @@ _CARRIER = "iiwa14"
 """Robot on which a tool is mounted to look at it."""
 
 _TOOL = "tool"
+
+_NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 
 Rows = Sequence[tuple[str, ...]]
 
@@ -189,7 +191,10 @@ class RobotSheet:
 
 
 def robot_sheets(
-    which: str, held: Mapping[str, float], flange: str | None
+    which: str,
+    held: Mapping[str, float],
+    flange: str | None,
+    xacro: Mapping[str, str] = _NO_ARGUMENTS,
 ) -> tuple[RobotSheet, ...]:
     """Return the sheets of a registered robot, of a file, or of the robots of a scenario.
 
@@ -197,6 +202,7 @@ def robot_sheets(
         which: a name, the path of a description, or that of a scenario.
         held: fixed joints and their values [rad or m]; not for scenarios.
         flange: the link that is the flange; not for scenarios.
+        xacro: arguments of a description in xacro.
 
     Raises:
         RobotModelError: it is neither a robot nor a tool; with both reasons.
@@ -204,8 +210,9 @@ def robot_sheets(
     """
     if which not in ROBOTS and Path(which).suffix.lower() in (".yaml", ".yml"):
         return _of_scenario(Path(which))
+    more = {"xacro": xacro} if xacro else {}
     try:
-        model = described_model(which, Path(), Fitting(held=held, flange=flange))
+        model = described_model(which, Path(), Fitting(held=held, flange=flange), more)
     except RobotModelError as error:
         if which in ROBOTS:
             raise
@@ -213,9 +220,9 @@ def robot_sheets(
             given = GivenLimits(velocity=(1.0,))
             with suppress(RobotModelError):
                 fitting = Fitting(held=held, flange=flange, limits=given)
-                model = described_model(which, Path(), fitting)
+                model = described_model(which, Path(), fitting, more)
                 return (_of_robot(model, str(model.name), error.message),)
-        path = resolve_file_name(which, Path(), RobotModelError).resolve()
+        path = described_file(which, Path(), xacro)
         if not path.is_file() or flange is not None:
             raise
         return (_of_tool(path, held, error),)

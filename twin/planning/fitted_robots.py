@@ -22,7 +22,7 @@ from twin.scenario.sections.shapes import ShapeSection, to_planning_class
 _VENDOR = "vendor files"
 """Hook that reads what a vendor gives beside a description."""
 
-_OF_VENDOR = ("srdf", "home")
+_OF_VENDOR = ("srdf", "home", "xacro")
 """Keys of a robot for that hook."""
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
@@ -70,7 +70,7 @@ def described_model(
         model: name of a registered robot or path of a description.
         folder: where relative paths start.
         fitting: changes of the cell.
-        given: the keys ``srdf`` and ``home`` of the robot, as far as given.
+        given: the keys ``srdf``, ``home`` and ``xacro`` of the robot, as far as given.
 
     Raises:
         RobotModelError: a file cannot be used.
@@ -82,6 +82,25 @@ def described_model(
         read = HOOKS.require(_VENDOR, "a model with " + ", ".join(given))
         model, fitting = read(model, folder, fitting, **given)
     return robot_model(model, folder, fitting)
+
+
+def described_file(
+    name: str, folder: Path, xacro: Mapping[str, Any] = _NOTHING
+) -> Path:
+    """Return the file of a description as URDF or MJCF.
+
+    Args:
+        name: path of the description.
+        folder: where relative paths start.
+        xacro: arguments of a description in xacro.
+
+    Raises:
+        RobotModelError: it cannot be used.
+    """
+    if _VENDOR in HOOKS:
+        read = HOOKS.load(_VENDOR)
+        name, _ = read(name, folder, Fitting(), srdf=False, xacro=xacro)
+    return resolve_file_name(name, folder, RobotModelError).resolve()
 
 
 def _fitting(
@@ -115,8 +134,7 @@ def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
     description, shapes = None, tuple[Element, ...]()
     try:
         if section.description is not None:
-            file = resolve_file_name(section.description, folder, RobotModelError)
-            description = file.resolve()
+            description = described_file(section.description, folder)
         if section.shapes:
             whole = ShapeSection(compound=section.shapes)
             shapes = build_shape(name, whole, folder).elements

@@ -287,8 +287,7 @@ def _reject_xacro(root: Element, path: Path) -> None:
     values = [v for part in parts for e in part.iter() for v in e.attrib.values()]
     if macros or any("${" in value or "$(" in value for value in values):
         raise RobotModelError(
-            f"{path} still holds xacro macros; expand it to plain URDF first "
-            "(xacro robot.urdf.xacro > robot.urdf)"
+            f"{path} still holds xacro macros; a file whose name ends in .xacro is expanded"
         )
 
 

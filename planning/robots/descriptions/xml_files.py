@@ -55,6 +55,11 @@ def read_xml(path: Path) -> Element:
         content = read_file(path)
     except OSError as error:
         raise RobotModelError(f"{path} cannot be read: {error.strerror}") from None
+    return parse_xml(content, path)
+
+
+def parse_xml(content: bytes, path: Path) -> Element:
+    """Return the root of XML, with name prefixes kept; ``path`` is for messages."""
     builder, parser, depth = TreeBuilder(), expat.ParserCreate(), 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:

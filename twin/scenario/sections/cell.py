@@ -230,6 +230,7 @@ class RobotSection(Section):
             one called home, else ready.
         ignore_contacts: pairs of links of the robot, or of its tool as TOOL.LINK, that may overlap: nothing
             checks them.
+        xacro: arguments of a model in xacro, by name.
         frames: tool frames, each a pose in the flange frame; they replace the model's.
         repeatability_m: of its positioning, RP of ISO 9283, with which it puts parts where they
             fit; how often they do is not looked at when not given.
@@ -252,6 +253,7 @@ class RobotSection(Section):
     ignore_contacts: Annotated[
         tuple[PairOf[JointName], ...], Field(max_length=MOST_ELEMENTS)
     ] = ()
+    xacro: dict[JointName, str | int | float | bool] = Field(default_factory=dict)
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     repeatability_m: Annotated[float, Field(ge=0, le=0.1)] | None = None
     base_error: PoseErrorSection | None = None
