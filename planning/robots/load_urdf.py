@@ -77,7 +77,7 @@ def load_urdf(
     lower = read_only_copy([joint.lower for joint in joints])
     upper = read_only_copy([joint.upper for joint in joints])
     chain = _chain(description, model)
-    parts = _parts(model, geometry, set(hanging))
+    parts = _parts(model, geometry, set(hanging), path)
     ignored = frozenset(known.ignored)
     home = np.zeros(len(lower)) if known.home is None else known.home
     rest = np.clip(home, lower, upper)
@@ -186,7 +186,9 @@ def _chain(description: UrdfFile, model: Any) -> KinematicChain:
     )
 
 
-def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
+def _parts(
+    model: Any, geometry: Any, tool: set[str], path: Path
+) -> tuple[LinkPart, ...]:
     joints, groups, hulls = [], [], []
     for item in geometry.geometryObjects:
         local = shape_vertices(item.geometry, item.name)
@@ -195,7 +197,10 @@ def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
         groups.append("tool" if model.frames[item.parentFrame].name in tool else "arm")
         joints.append(item.parentJoint - 1)
     if not hulls:
-        raise RobotModelError(f"{model.name} has no collision geometry")
+        raise RobotModelError(
+            f"{path} has no collision geometry, so that nothing would keep it from other things; give its"
+            " links <collision> shapes, such as its visual ones"
+        )
     covers: dict[int, Capsules] = {}
     # Tools work at close range: more capsules there spare exact decisions.
     for group, thrift in (("tool", 0.2), ("arm", 0.5)):

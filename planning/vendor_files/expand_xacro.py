@@ -135,7 +135,7 @@ def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
     functions |= {"load_yaml": xacro.load_yaml}
 
     def safe_eval(text: str, symbols: Any, _: object = None) -> Any:
-        return evaluate(text, symbols or {}, functions)
+        return evaluate(text, {} if symbols is None else symbols, functions)
 
     def evaluate_argument(text: str, context: Mapping[str, Any]) -> str:
         known = context.get("arg", {})

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 _NODES = (
@@ -68,8 +69,10 @@ class _Names(dict[str, Any]):
 
     def __missing__(self, name: str) -> Any:
         for known in (self._values, _CONSTANTS):
-            if name in known and not callable(known[name]):
-                return known[name]
+            # Tables of xacro do not always say that they have what they have.
+            with suppress(KeyError):
+                if not callable(found := known[name]):
+                    return found
         raise ExpressionError(f"{name!r} is not defined")
 
 

@@ -26,7 +26,7 @@ _SUFFIX = ".xacro"
 
 _PACKAGE = "package.xml"
 
-_ABOVE = 3
+_ABOVE = 6
 """Number of folders above a file in which its package is looked for."""
 
 _TIMEOUT_S = 3 * CPU_S

@@ -80,7 +80,11 @@ def described_model(
             raise FittingError(f"{model!r} is a registered robot: no {key}", key=key)
     elif given or _VENDOR in HOOKS:
         read = HOOKS.require(_VENDOR, "a model with " + ", ".join(given))
-        model, fitting = read(model, folder, fitting, **given)
+        file, fitting = read(model, folder, fitting, **given)
+        try:
+            return robot_model(file, folder, fitting)
+        except RobotModelError as error:  # in words of the source
+            raise error.with_message(error.message.replace(file, model)) from None
     return robot_model(model, folder, fitting)
 
 

@@ -23,6 +23,9 @@ from planning.robots.descriptions.xml_files import (
 EMPTY = "empty"
 """Attribute of a link with the kinds of its collision shapes that have no volume and were left out."""
 
+_STL_TEXT = re.compile(rb"solid\b[^\n\r\0]*([\n\r]+\s*endsolid\b[^\n\r\0]*)?\s*")
+"""A text STL file that has no facet."""
+
 _OBJ_LINE = re.compile(rb"(#.*|(v|vn|vt|vp|l|p|o|g|s|mtllib|usemtl)\b.*)?\s*")
 """A line of an OBJ file that defines no face."""
 
@@ -76,7 +79,8 @@ def _has_triangles(path: Path) -> bool:
     kind, text = path.suffix.lower(), content.lstrip()
     if kind == ".stl":
         binary = len(content) == 84 and content[80:] == bytes(4)
-        return not (binary or (text.startswith(b"solid") and b"facet" not in text))
+        # The header of binary files, too, often begins with "solid".
+        return not (binary or _STL_TEXT.fullmatch(text))
     if kind == ".obj":
         lines = re.split(rb"[\r\n]+\s*", text)
         return not text or any(not _OBJ_LINE.fullmatch(line) for line in lines)

@@ -404,7 +404,7 @@ def flange_link(
         + [link for link in below if re.search(rf"[_./-]{name}$", link)]
         for name in _FLANGES
     )
-    said = [link for link in proposed if link in below]
+    said = [link for link in proposed if link in below and not _TIP.search(link)]
     return (*best, *said, *other, last)[0]
 
 

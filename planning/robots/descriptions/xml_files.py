@@ -18,7 +18,7 @@ _DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)
 _DEEPEST = 100
 """Greatest depth of elements in elements."""
 
-_ABOVE = 3
+_ABOVE = 6
 """Number of parent folders of a description in which meshes are searched."""
 
 # What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
