@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
@@ -77,9 +78,14 @@ def load_urdf(
     lower = read_only_copy([joint.lower for joint in joints])
     upper = read_only_copy([joint.upper for joint in joints])
     chain = _chain(description, model)
+    _require_all_shapes(root, geometry, path)
     parts = _parts(model, geometry, set(hanging), path)
     ignored = frozenset(known.ignored)
     home = np.zeros(len(lower)) if known.home is None else known.home
+    if len(home) != len(lower):
+        raise RobotModelError(
+            f"{path} has {len(lower)} joints that move, and {len(home)} values of HOME"
+        )
     rest = np.clip(home, lower, upper)
     speeds = known.velocity or [joint.velocity for joint in joints]
     return RobotModel(
@@ -184,6 +190,18 @@ def _chain(description: UrdfFile, model: Any) -> KinematicChain:
         read_only_copy([j.axis for j in description.joints]),
         prismatic,
     )
+
+
+def _require_all_shapes(root: Element, geometry: Any, path: Path) -> None:
+    """Check that no collision shape is missing: the parser drops all of a link with an element that it cannot read."""
+    found = Counter(item.name.rpartition("_")[0] for item in geometry.geometryObjects)
+    for link in root.findall("link"):
+        name = str(link.get("name"))
+        if found[name] != len(link.findall("collision")):
+            raise RobotModelError(
+                f"{path}: link {name!r}: its <inertial>, a <visual> or a <collision> cannot be read, such as"
+                " a number that is none"
+            )
 
 
 def _parts(

@@ -41,12 +41,12 @@ def remove_empty_shapes(root: Element, dirs: Sequence[Path]) -> None:
 def find_empty_shapes(
     root: Element, dirs: Sequence[Path]
 ) -> list[tuple[Element, Element, Element]]:
-    """Return link, collision or visual, and form of each URDF shape without volume."""
+    """Return link, collision or visual, and form (the shape if it has none) of each URDF shape without volume."""
     return [
-        (link, shape, form)
+        (link, shape, shape if form is None else form)
         for link in root.findall("link")
         for shape in (*link.findall("collision"), *link.findall("visual"))
-        if (form := shape.find("geometry/*")) is not None and _is_empty(form, dirs)
+        if (form := shape.find("geometry/*")) is None or _is_empty(form, dirs)
     ]
 
 

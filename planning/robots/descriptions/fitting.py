@@ -148,7 +148,7 @@ def written_options(root: Element) -> UrdfOptions | None:
     return UrdfOptions(
         home=None
         if home is None
-        else parse_vector(home, "home of a description", len(home.split())),
+        else parse_vector(home, "home of <assembly_twin>", len(home.split())),
         flange_link=notes.get("flange"),
         tool_links=None
         if tool is None

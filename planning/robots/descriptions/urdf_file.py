@@ -384,7 +384,7 @@ def flange_link(
     """Return the link whose frame is the flange.
 
     That is what is asked for; else the link called ``tool0``, with or without a prefix such as
-    ``left_``; else the first of the proposed ones that is on the last joint; else the link called
+    ``left_``; else the first of the proposed ones on the last joint on which others hang; else the link called
     ``flange``, likewise; else the link that the last joint moves.
 
     Raises:
@@ -404,7 +404,11 @@ def flange_link(
         + [link for link in below if re.search(rf"[_./-]{name}$", link)]
         for name in _FLANGES
     )
-    said = [link for link in proposed if link in below and not _TIP.search(link)]
+    said = [
+        link
+        for link in proposed
+        if link in below and len(description.fixed_below(link)) > 1
+    ]
     return (*best, *said, *other, last)[0]
 
 

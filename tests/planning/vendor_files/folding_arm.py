@@ -19,7 +19,8 @@ URDF = (
         )
     )
     + '<link name="hand"/><joint name="wrist" type="fixed"><parent link="link3"/><child link="hand"/>'
-    '<origin xyz="0.3 0 0"/></joint></robot>'
+    '<origin xyz="0.3 0 0"/></joint><link name="tip"/><joint name="end" type="fixed"><parent link="hand"/>'
+    '<child link="tip"/></joint></robot>'
 )
 SRDF = """<robot name="folding">
   <group name="arm"><chain base_link="foot" tip_link="hand"/></group>
@@ -30,6 +31,7 @@ SRDF = """<robot name="folding">
   <group_state name="half" group="arm"><joint name="turn1" value="0.1"/></group_state>
   <group_state name="far" group="arm"><joint name="turn1" value="0"/><joint name="turn2" value="3.1"/>
     <joint name="turn3" value="0"/></group_state>
+  <end_effector name="point" parent_link="tip" group="grip"/>
   <end_effector name="grip" parent_link="hand" group="grip"/>
   <disable_collisions link1="link1" link2="link2" reason="Adjacent"/>
   <disable_collisions link1="link3" link2="link1" reason="User"/>
