@@ -19,6 +19,7 @@ from twin.durations.model import DurationModel
 from twin.durations.normal import TruncatedNormal
 from twin.planning.fitted_robots import fitted_model
 from twin.scenario.sections.cell import LimitsSection
+from twin.uncertainty.disturbances import MachineBreakdowns
 
 _RANGES: Mapping[str, UsualRange] = {
     # Robots, tools and grips.
@@ -173,11 +174,15 @@ def check_rates(subject: CheckContext) -> Findings:
     """Yield robots and machines that stand longer than they work."""
     execution = subject.scenario.execution
     for path, own in iterate_nested(execution, ("execution",)):
-        mtbf, mttr = getattr(own, "mtbf_s", None), getattr(own, "mttr_s", None)
-        if mtbf is not None and mttr is not None and mttr > mtbf:
+        if not isinstance(own, MachineBreakdowns):
+            continue
+        found = own.located(subject.folder)
+        mtbf, mttr = found.between.mean, found.repair.mean
+        if mttr > mtbf:
+            key = "mttr" if own.mttr_s is None else "mttr_s"
             yield Finding(
-                (*path, "mttr_s"),
-                f"mttr_s {mttr:g} s is longer than mtbf_s {mtbf:g} s: under repair for more than half of the time;"
+                (*path, key),
+                f"{key} {mttr:g} s is longer than mtbf_s {mtbf:g} s: under repair for more than half of the time;"
                 " usual is less than a tenth of mtbf_s",
             )
     stalls = execution.stalls

@@ -18,7 +18,6 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.activities.progress import RobotProgress
 from twin.bulk.max_plus import Past, end_times, policy_graph
 from twin.durations.bounded import Fixed
-from twin.durations.lifetimes import Exponential
 from twin.durations.measured import MeasuredTimes
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
@@ -251,9 +250,10 @@ class Forecaster:
             if found.stalls.count_per_robot or found.stalls.rate_per_h:
                 return found.stalls.model
         elif found.breakdowns is not None:
-            return Exponential(mean_s=found.breakdowns.mttr_s)
-        elif found.emergency_stops:
+            return found.breakdowns.repair
+        elif found.emergency_stops or found.planned_stops:
             stops = tuple(stop.duration_s for stop in found.emergency_stops)
+            stops += tuple(stop.duration_s for stop in found.planned_stops)
             return MeasuredTimes(values=stops)
         return Fixed(value_s=0.0)
 

@@ -39,6 +39,7 @@ from twin.runs.execution_record import ExecutionRecord
 from twin.scenario.sections.execution import AskSection, StepWindowSection
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
+from twin.uncertainty.disturbances import MachineBreakdowns
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 
@@ -326,3 +327,15 @@ def require_rolling(scenario: Scenario) -> None:
             f"policy {policy!r}: only asynchronous execution can be replanned",
             choices=("asynchronous",),
         )
+    execution = scenario.execution
+    breaks: dict[str, MachineBreakdowns | None]
+    breaks = {"breakdowns": execution.breakdowns}
+    breaks |= {f"machines.{k}": own.breakdowns for k, own in execution.machines.items()}
+    for key, own in breaks.items():
+        if own is not None and own.mtbf is not None and own.clock == "busy":
+            # A new plan would begin the time between failures again.
+            raise RequestError(
+                f"execution.{key}: an mtbf that is a distribution counts busy time of one plan; with replanning it is"
+                " counted by the clock of the run",
+                choices=("clock: run", "mtbf_s"),
+            )

@@ -270,6 +270,11 @@ def _check_robot_names(scenario: Scenario) -> Problems:
     names = [robot.name for robot in scenario.cell.robots]
     for path, name in scenario.execution.named_robots():
         yield from check_known_name(("execution", *path), "robot", name, names)
+    for path, name in scenario.execution.named_workers():
+        what = "robot or machine" if machines else "robot"
+        yield from check_known_name(
+            ("execution", *path), what, name, (*names, *machines)
+        )
     outages, late = scenario.execution.outages, scenario.execution.late
     works = tuple(scenario.kind.working_machines())
     for i, item in enumerate(outages):

@@ -19,10 +19,14 @@ from planning.tasks.task import TaskKind
 from planning.transforms import Array, Indices
 from scheduling.graph.actuations import chain_actuations
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations.lifetimes import Exponential
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.uncertainty.disturbances import Disturbances, SkillFailure, Stalls
+from twin.uncertainty.disturbances import (
+    Disturbances,
+    MachineBreakdowns,
+    SkillFailure,
+    Stalls,
+)
 from twin.uncertainty.draws import TaskName, uniforms
 
 Cause = Literal["stall", "breakdown", "retry"]
@@ -123,8 +127,8 @@ class ChainDraws:
             index,
         )
 
-    def of_robot(self, count: int, purpose: str) -> Array:
-        """Return uniforms that belong to no task, shape (count, r)."""
+    def of_robot(self, count: int, purpose: str, *, first: int = 0) -> Array:
+        """Return uniforms that belong to no task, from the number ``first`` on, shape (count, r)."""
         return uniforms(
             self.seed,
             self.numbers,
@@ -132,7 +136,7 @@ class ChainDraws:
             -1,
             [""] * count,
             purpose,
-            range(count),
+            range(first, first + count),
         )
 
     @cached_property
@@ -187,9 +191,11 @@ class ChainDraws:
             mean_ns = _HOUR_NS / stalls.rate_per_h
             found += self._arrivals(motion, mean_ns, stalls.model, "stall")
         if breaks is not None and breaks.affects(self.own.chain.robot, "busy"):
-            repair = Exponential(mean_s=breaks.mttr_s)
-            mean_ns = breaks.mtbf_s * NANOSECONDS
-            found += self._arrivals(motion, mean_ns, repair, "breakdown")
+            if breaks.mtbf_s is not None:
+                mean_ns = breaks.mtbf_s * NANOSECONDS
+                found += self._arrivals(motion, mean_ns, breaks.repair, "breakdown")
+            else:
+                found.append(self._renewals(motion, breaks))
         return found
 
     def failures(
@@ -258,6 +264,25 @@ class ChainDraws:
                 found.append(Standstills(cause, node, column, to_nanoseconds(seconds)))
             index += 1
         return found
+
+    def _renewals(self, motion: Nanoseconds, breaks: MachineBreakdowns) -> Standstills:
+        """Return the breakdowns of a renewal process of the robot's busy time."""
+        ends = np.cumsum(motion, axis=0)
+        busy = motion.sum(axis=0)
+        clock = np.zeros(len(busy))
+        none = np.empty(0, dtype=np.int64)
+        nodes, columns, lasting = [none], [none], [none]
+        index = 0
+        while (running := np.flatnonzero(clock < busy)).size:
+            gap, repair = self.of_robot(2, "breakdown", first=2 * index)
+            clock += NANOSECONDS * breaks.between.ppf(gap)
+            failing = running[clock[running] < busy[running]]
+            nodes.append((ends[:, failing] <= clock[failing]).sum(axis=0))
+            columns.append(failing)
+            lasting.append(to_nanoseconds(breaks.repair.ppf(repair[failing])))
+            index += 1
+        found = (np.concatenate(part) for part in (nodes, columns, lasting))
+        return Standstills("breakdown", *found)
 
     def _attempts(
         self,

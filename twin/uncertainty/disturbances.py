@@ -4,21 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
 from planning.bounds import LONGEST_S
 from planning.cell.workcell import PlacedRobot, PoseError, Workcell
+from planning.errors import ScenarioError
 from twin.document.section import Name, PairOf, Section
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.composed import AnyDuration
+from twin.durations.lifetimes import Exponential
 from twin.durations.lognormal import Lognormal
-from twin.durations.model import DurationModel, Factor, Skill
+from twin.durations.model import DurationModel, Factor, Seconds, Skill
 from twin.uncertainty.base_errors import PoseErrorSection
+from twin.uncertainty.working_hours import Calendar, PlannedStop
+
+_SHORTEST_MTBF_S = 0.1
+"""Shortest mean time between failures [s]."""
 
 Probability = Annotated[float, Field(ge=0, le=1)]
 """Probability of an event."""
+
+
+B = TypeVar("B", bound="MachineBreakdowns")
 
 
 class _FactorSection(Section):
@@ -137,18 +146,69 @@ class Stalls(Section):
 
 
 class MachineBreakdowns(Section):
-    """A machine breaks down and is repaired; both times are exponential.
+    """A machine breaks down and is repaired.
 
     Attributes:
-        mtbf_s: mean time between failures [s].
-        mttr_s: mean time to repair [s].
-        clock: what ``mtbf_s`` counts: ``busy`` time of what breaks down, or all time of the
+        mtbf_s: mean time between failures, exponential [s]; or
+        mtbf: distribution of the time between failures.
+        mttr_s: mean time to repair, exponential [s]; or
+        mttr: distribution of the time to repair.
+        clock: what the time between failures counts: ``busy`` time of what breaks down, or all time of the
             ``run``.
     """
 
-    mtbf_s: Annotated[float, Field(ge=0.1, le=1e9)]
-    mttr_s: Annotated[float, Field(ge=0, le=LONGEST_S)]
+    mtbf_s: Annotated[float, Field(ge=0.1, le=1e9)] | None = None
+    mtbf: AnyDuration | None = None
+    mttr_s: Seconds | None = None
+    mttr: AnyDuration | None = None
     clock: Literal["busy", "run"] = "busy"
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> MachineBreakdowns:
+        for name in ("mtbf", "mttr"):
+            mean, model = getattr(self, f"{name}_s"), getattr(self, name)
+            if (mean is None) == (model is None):
+                raise ValueError(f"give {name}_s, a mean, or {name}, a distribution")
+        return self
+
+    @property
+    def between(self) -> DurationModel:
+        """Distribution of the time between failures."""
+        if self.mtbf is not None:
+            return self.mtbf
+        assert self.mtbf_s is not None
+        return Exponential(mean_s=self.mtbf_s)
+
+    @property
+    def repair(self) -> DurationModel:
+        """Distribution of the time to repair."""
+        if self.mttr is not None:
+            return self.mttr
+        assert self.mttr_s is not None
+        return Exponential(mean_s=self.mttr_s)
+
+    def located(self, folder: Path) -> Self:
+        """Return the same with files of measured times read.
+
+        Raises:
+            ScenarioError: a file cannot be read.
+        """
+        mtbf = None if self.mtbf is None else self.mtbf.located(folder)
+        mttr = None if self.mttr is None else self.mttr.located(folder)
+        if mtbf is not None and mtbf.mean < _SHORTEST_MTBF_S:
+            raise ScenarioError(
+                f"breakdowns: the mean of mtbf is {mtbf.mean:g} s, and must be {_SHORTEST_MTBF_S:g} s at least"
+            )
+        return self.changed(mtbf=mtbf, mttr=mttr)
+
+    def repaired_faster(self, share: float) -> Self:
+        """Return the same with times to repair reduced by a share."""
+        if share >= 1.0:
+            return self.changed(mttr=None, mttr_s=0.0)
+        if self.mttr is not None:
+            return self.changed(mttr=self.mttr.scaled(1.0 - share))
+        assert self.mttr_s is not None
+        return self.changed(mttr_s=(1.0 - share) * self.mttr_s)
 
     def affects(self, name: str, clock: Literal["busy", "run"]) -> bool:
         """Return whether something of a name breaks down by a clock."""
@@ -156,7 +216,7 @@ class MachineBreakdowns(Section):
 
 
 class Breakdowns(MachineBreakdowns):
-    """Robots break down and are repaired; both times are exponential.
+    """Robots break down and are repaired.
 
     Attributes:
         robots: who breaks down; every robot when not given.
@@ -294,6 +354,10 @@ class Disturbances(Section):
         breakdowns: of robots.
         failures: of attempts at a skill, by skill.
         emergency_stops: at given times.
+        planned_stops: at given times, once or repeated.
+        calendar: weekly shifts.
+        repair_people: number of people who repair robots and machines that break down by the clock of the run;
+            as many as needed when not given.
         machines: breakdowns and stalls of machines, by name.
         base_error: how far the base of every robot may be off, drawn anew for each replication whose
             motion is audited; default: what the cell says of each.
@@ -307,14 +371,37 @@ class Disturbances(Section):
     breakdowns: Breakdowns | None = None
     failures: dict[Skill, SkillFailure] = Field(default_factory=dict)
     emergency_stops: tuple[EmergencyStop, ...] = ()
+    planned_stops: tuple[PlannedStop, ...] = ()
+    calendar: Calendar | None = None
+    repair_people: Annotated[int, Field(ge=1, le=1000)] | None = None
     machines: dict[Name, MachineDisturbances] = Field(default_factory=dict)
     base_error: PoseErrorSection | None = None
     deviation: dict[Skill, PoseErrorSection] | None = None
 
+    @model_validator(mode="after")
+    def _shared_by_the_clock(self) -> Disturbances:
+        if self.repair_people is None:
+            return self
+        named: dict[str, MachineBreakdowns | None] = {"breakdowns": self.breakdowns}
+        named |= {
+            f"machines.{k}.breakdowns": m.breakdowns for k, m in self.machines.items()
+        }
+        for key, own in named.items():
+            if own is not None and own.clock == "busy":
+                raise ValueError(
+                    f"repair_people are shared by what breaks down by the clock: set {key}.clock: run"
+                )
+        return self
+
     @property
     def at_absolute_times(self) -> bool:
         """True if some disturbance happens at absolute times of the run's clock."""
-        return bool(self.emergency_stops) or self.breaks_by_clock
+        return bool(self.emergency_stops) or self.plans_stops or self.breaks_by_clock
+
+    @property
+    def plans_stops(self) -> bool:
+        """True if robots or machines stop by plan or are off shift."""
+        return bool(self.planned_stops) or self.calendar is not None
 
     def base_error_of(self, robot: PlacedRobot) -> PoseError:
         """Return how far the base of a robot may be off."""
@@ -372,21 +459,29 @@ class Disturbances(Section):
                 return Stalls()
             return stalls.changed(duration=read(stalls.duration))
 
+        def broken(own: B | None) -> B | None:
+            return None if own is None else own.located(folder)
+
         return Disturbances(
             speed=self.speed,
-            breakdowns=self.breakdowns,
             emergency_stops=self.emergency_stops,
+            planned_stops=self.planned_stops,
+            calendar=self.calendar,
+            repair_people=self.repair_people,
             base_error=self.base_error,
             deviation=self.deviation,
         ).changed(
             jitter=read(self.jitter),
+            breakdowns=broken(self.breakdowns),
             stalls=happening(self.stalls),
             failures={
                 skill: failure.changed(retry=read(failure.retry))
                 for skill, failure in self.failures.items()
             },
             machines={
-                name: own.changed(stalls=happening(own.stalls))
+                name: own.changed(
+                    stalls=happening(own.stalls), breakdowns=broken(own.breakdowns)
+                )
                 for name, own in self.machines.items()
             },
         )

@@ -1,4 +1,4 @@
-"""Stops of robots at given times of a run, whatever the robots do then: emergency stops and breakdowns.
+"""Stops of robots and machines at given times of a run, whatever they do: emergency stops, breakdowns, shifts.
 
 Stops do not depend on the events of a run, so they are given as time intervals. If a stop begins within a node, the
 robot stands still and afterwards continues from the same point. An event of the robot that is due exactly when a stop
@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import islice
+from typing import Protocol
 
 import numpy as np
 
@@ -20,28 +21,17 @@ from twin.durations.nanoseconds import (
     require_within_longest_run,
     to_nanoseconds,
 )
-from twin.uncertainty.disturbances import Breakdowns, Disturbances
-from twin.uncertainty.draws import uniforms
+from twin.uncertainty.breakdown_draws import breakdown_times
+from twin.uncertainty.disturbances import Disturbances, MachineBreakdowns
+from twin.uncertainty.repair_crew import CrewSource, RepairCrew
+from twin.uncertainty.stop import Stop
+from twin.uncertainty.working_hours import WEEK_S
 
 NEVER = 2**62
 """A time that no run comes to [ns]."""
 
 _CHUNK = 16
-"""Breakdowns drawn together."""
-
-
-@dataclass(frozen=True)
-class Stop:
-    """An interval in which a robot stands, whatever its task.
-
-    Attributes:
-        start_ns, end_ns: interval [ns]; at its end the robot continues.
-        reason: reason, for people.
-    """
-
-    start_ns: int
-    end_ns: int
-    reason: str
+"""Breakdowns drawn, and periods computed, together."""
 
 
 class StoppedClock:
@@ -72,29 +62,103 @@ class StoppedClock:
         return np.asarray(own_ns + self._stopped[passed], dtype=np.int64)
 
 
+class StopSource(Protocol):
+    """Source of an unlimited number of stops.
+
+    Attributes:
+        horizon: time before which all of its stops are known [ns].
+    """
+
+    @property
+    def horizon(self) -> int:
+        """See the class."""
+        ...
+
+    def more(self) -> list[Stop]:
+        """Return further stops; the horizon moves on."""
+        ...
+
+
+class BreakdownSource:
+    """Breakdowns by the clock, drawn one after another.
+
+    Args:
+        breakdowns: their distributions.
+        name: seed, replication and robot, which name the draws.
+    """
+
+    def __init__(
+        self, breakdowns: MachineBreakdowns, name: tuple[int, int, str]
+    ) -> None:
+        self.horizon = 0
+        self._draws = breakdown_times(breakdowns, name)
+
+    def more(self) -> list[Stop]:
+        """Return the next breakdowns."""
+        found = []
+        for works, stands in islice(self._draws, _CHUNK):
+            start = self.horizon + works
+            self.horizon = start + stands
+            reason = f"breakdown, repaired after {stands / NANOSECONDS:.3f} s"
+            found.append(Stop(start, self.horizon, reason))
+        return found
+
+
+class PeriodicSource:
+    """Stops that are repeated for ever.
+
+    Args:
+        intervals: starts and ends within the first period [s].
+        period: time after which they are repeated [s].
+        reason: reason, for people.
+        before: also that of the period before, as far as it lasts into the run.
+    """
+
+    def __init__(
+        self,
+        intervals: Sequence[tuple[float, float]],
+        period: float,
+        reason: str,
+        *,
+        before: bool = False,
+    ) -> None:
+        self._intervals = to_nanoseconds(np.array(intervals)).tolist()
+        self._period = int(to_nanoseconds([period])[0])
+        self._reason = reason
+        self._next = -1 if before else 0
+        self.horizon = 0
+
+    def more(self) -> list[Stop]:
+        """Return the stops of the next periods."""
+        found = []
+        for k in range(self._next, self._next + _CHUNK):
+            offset = k * self._period
+            for start, end in self._intervals:
+                if end + offset > 0:
+                    begin = max(0, start + offset)
+                    found.append(Stop(begin, end + offset, self._reason))
+        self._next += _CHUNK
+        self.horizon = self._next * self._period
+        return found
+
+
 class Stops:
     """All stops of one robot, in order of time.
 
     Args:
         stops: at fixed times.
-        breakdowns: by the clock, drawn as far as needed.
-        name: seed, replication and robot, which name the draws.
+        sources: sources of further ones, extended as far as needed.
     """
 
-    def __init__(
-        self,
-        stops: list[Stop],
-        breakdowns: Breakdowns | None = None,
-        *,
-        name: tuple[int, int, str] = (0, 0, ""),
-    ) -> None:
+    def __init__(self, stops: list[Stop], sources: Sequence[StopSource] = ()) -> None:
         self._stops = sorted(stops, key=lambda stop: stop.start_ns)
-        self._breakdowns = breakdowns
-        self._name = name
-        self._drawn = 0
-        # Breakdowns that begin before the horizon are known.
-        self._horizon = NEVER if breakdowns is None else 0
+        self._sources = tuple(sources)
         self._merge()
+
+    @property
+    def _horizon(self) -> int:
+        """Time before which all stops are known [ns]."""
+        return min((source.horizon for source in self._sources), default=NEVER)
 
     def after(self, t_ns: int) -> int:
         """Return the earliest time from ``t_ns`` on at which the robot is not stopped."""
@@ -136,22 +200,29 @@ class Stops:
     def next_edge(self, t_ns: int) -> int:
         """Return the next begin or end of a stop after a time, NEVER without one."""
         self._extend(t_ns + 1)
-        k = bisect_right(self._edges, t_ns)
-        if k == len(self._edges) and self._breakdowns is not None:
-            self._extend(self._horizon)
+        while True:
             k = bisect_right(self._edges, t_ns)
-        return self._edges[k] if k < len(self._edges) else NEVER
+            edge = self._edges[k] if k < len(self._edges) else NEVER
+            if self._is_known(edge):
+                return edge
+            self._extend(self._horizon)
 
     def stop_after(self, t_ns: int) -> tuple[int, int]:
         """Return begin and end of the first stop that is not over at a time, NEVER without one."""
         self._extend(t_ns)
-        k = bisect_right(self._ends, t_ns)
-        if k == len(self._ends) and self._breakdowns is not None:
-            self._extend(self._horizon)
+        while True:
             k = bisect_right(self._ends, t_ns)
-        if k == len(self._ends):
-            return NEVER, NEVER
-        return self._starts[k], self._ends[k]
+            if k < len(self._ends):
+                found = self._starts[k], self._ends[k]
+            else:
+                found = NEVER, NEVER
+            if self._is_known(found[1]):
+                return found
+            self._extend(self._horizon)
+
+    def _is_known(self, t_ns: int) -> bool:
+        """Tell whether all stops up to a time are known."""
+        return not self._sources or t_ns < self._horizon
 
     def intervals(self, until_ns: int) -> tuple[tuple[int, int], ...]:
         """Return the intervals of stops before a time: start and end, without overlaps."""
@@ -169,30 +240,15 @@ class Stops:
         )
 
     def _extend(self, t_ns: int) -> None:
-        """Draw breakdowns until all up to a time are known."""
-        if t_ns < self._horizon or self._breakdowns is None:
+        """Get stops of the sources until all up to a time are known."""
+        if t_ns < self._horizon:
             return
         require_within_longest_run(t_ns)
-        while self._horizon <= t_ns:
-            self._draw(self._breakdowns)
+        for source in self._sources:
+            while source.horizon <= t_ns:
+                self._stops += source.more()
         self._stops.sort(key=lambda stop: stop.start_ns)
         self._merge()
-
-    def _draw(self, breakdowns: Breakdowns) -> None:
-        """Draw the next breakdowns."""
-        seed, replication, robot = self._name
-        names = (seed, [replication], [robot] * _CHUNK, -1, [""] * _CHUNK)
-        index = np.arange(self._drawn, self._drawn + _CHUNK)
-        gap = uniforms(*names, "breakdown-gap", index)[:, 0]
-        repair = uniforms(*names, "breakdown-duration", index)[:, 0]
-        up = to_nanoseconds(-breakdowns.mtbf_s * np.log(gap)).tolist()
-        down = to_nanoseconds(-breakdowns.mttr_s * np.log(repair)).tolist()
-        for works, stands in zip(up, down, strict=True):
-            start = self._horizon + works
-            self._horizon = start + stands
-            reason = f"breakdown, repaired after {stands / NANOSECONDS:.3f} s"
-            self._stops.append(Stop(start, self._horizon, reason))
-        self._drawn += _CHUNK
 
     def _merge(self) -> None:
         """Merge overlapping or adjacent stops into intervals, without those of zero length."""
@@ -223,18 +279,45 @@ def draw_stops(
         return None
     found = []
     machines = tpg.machine_chains()
-    for k, chain in enumerate(tpg.chains):
+    by_chain = [
+        disturbances.of_machine(chain.robot) if k in machines else disturbances
+        for k, chain in enumerate(tpg.chains)
+    ]
+    breaking = {
+        chain.robot: own.breakdowns
+        for chain, own in zip(tpg.chains, by_chain, strict=True)
+        if own.breakdowns and own.breakdowns.affects(chain.robot, "run")
+    }
+    crew = None
+    if breaking and disturbances.repair_people is not None:
+        people = disturbances.repair_people
+        crew = RepairCrew(people, breaking, seed, replication)
+    for chain, own in zip(tpg.chains, by_chain, strict=True):
         fixed = []
-        own = disturbances
-        if k in machines:
-            own = disturbances.of_machine(chain.robot)
         for stop in own.emergency_stops:
             if stop.robot in (None, chain.robot):
                 start, length = to_nanoseconds([stop.at_s, stop.duration_s]).tolist()
                 reason = f"emergency stop for {stop.duration_s:.3f} s"
                 fixed.append(Stop(start, start + length, reason))
-        breaks = own.breakdowns
-        by_clock = breaks if breaks and breaks.affects(chain.robot, "run") else None
-        name = (seed, replication, chain.robot)
-        found.append(Stops(fixed, by_clock, name=name))
+        name = chain.robot
+        sources: list[StopSource] = []
+        if name in breaking and crew is not None:
+            sources.append(CrewSource(crew, name))
+        elif name in breaking:
+            draws = seed, replication, name
+            sources.append(BreakdownSource(breaking[name], draws))
+        for planned in disturbances.planned_stops:
+            if planned.affects(name):
+                reason = f"planned stop for {planned.duration_s:.3f} s"
+                interval = planned.at_s, planned.at_s + planned.duration_s
+                if planned.every_s is not None:
+                    sources.append(PeriodicSource([interval], planned.every_s, reason))
+                else:
+                    start, end = to_nanoseconds(interval).tolist()
+                    fixed.append(Stop(start, end, reason))
+        if disturbances.calendar is not None:
+            off = disturbances.calendar.off_shift(name)
+            if off:
+                sources.append(PeriodicSource(off, WEEK_S, "off shift", before=True))
+        found.append(Stops(fixed, sources))
     return tuple(found)

@@ -30,7 +30,8 @@ from twin.uncertainty.disturbances import (
     Speed,
     Stalls,
 )
-from twin.uncertainty.stop_times import Stop, StoppedClock, Stops
+from twin.uncertainty.stop import Stop
+from twin.uncertainty.stop_times import BreakdownSource, StoppedClock, Stops
 
 
 def stops_at(*intervals: tuple[int, int]) -> Stops:
@@ -83,9 +84,8 @@ def test_own_time_stands_while_stopped(
 
 def test_breakdowns_by_the_clock_are_the_same_however_they_are_asked_for() -> None:
     def fresh() -> Stops:
-        return Stops(
-            [], Breakdowns(mtbf_s=10.0, mttr_s=3.0, clock="run"), name=(4, 0, "left")
-        )
+        breaks = Breakdowns(mtbf_s=10.0, mttr_s=3.0, clock="run")
+        return Stops([], [BreakdownSource(breaks, (4, 0, "left"))])
 
     late = fresh()
     late.after(10**12)

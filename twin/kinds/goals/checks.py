@@ -1,9 +1,10 @@
-"""Checks of assembly kind ``goals``: unreachable goal poses."""
+"""Checks of assembly kind ``goals``: unreachable goal poses, and goals at which other robots stay."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from planning.goals.goal_order import order_goals
 from planning.kinematics.kinematics import inverse_kinematics
 from twin.checks.finding import (
     CheckContext,
@@ -13,6 +14,7 @@ from twin.checks.finding import (
     format_position,
 )
 from twin.checks.reach import is_beyond_reach
+from twin.kinds.goals.kind import GoalsKind
 from twin.kinds.goals.section import GoalsSection
 
 
@@ -38,6 +40,17 @@ def _check_moves(subject: CheckContext, section: GoalsSection) -> Findings:
             )
 
 
+def _check_order(subject: CheckContext) -> Findings:
+    """Yield a goal at which another robot stands that cannot make room."""
+    kind = subject.kind
+    assert isinstance(kind, GoalsKind)
+    for there in order_goals(subject.built, kind.robot_goals(subject.built)):
+        if there.blocked_by is not None:
+            why = next(reversed(there.rejected.values()))
+            at = ("assembly", "moves", there.goal.number - 1)
+            yield Finding(at, f"{there.goal.robot}: {why.words}", error=True)
+
+
 class GoalsChecks(KindChecks):
     """Checks of a scenario whose robots go to goals."""
 
@@ -49,8 +62,11 @@ class GoalsChecks(KindChecks):
         return section
 
     def reach(self) -> Findings:
-        """Yield poses that their robot does not reach."""
-        return _check_moves(self.subject, self.section)
+        """Yield poses that their robot does not reach, and goals that another robot blocks."""
+        unreachable = list(_check_moves(self.subject, self.section))
+        yield from unreachable
+        if not unreachable:
+            yield from _check_order(self.subject)
 
     def tool_frames(self) -> Iterator[tuple[str, str, bool]]:
         """Yield the tool frames that are moved to poses."""

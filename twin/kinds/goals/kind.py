@@ -17,7 +17,8 @@ from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.kind import ASSIGNMENT, AssemblyKind, IdleReason
 
 if TYPE_CHECKING:
-    from planning.steps.robot_goals import GoalWork, RobotGoal
+    from planning.goals.goal_work import GoalWork
+    from planning.goals.robot_goal import RobotGoal
     from scheduling.planned_motions import PlannedMotions
 
 
@@ -55,17 +56,25 @@ class GoalsKind(AssemblyKind):
 
     def assembly(self, cell: Workcell, watch: StageWatch) -> GoalWork:
         """Return the goals with their configurations; the stage is assignment."""
-        from planning.steps.robot_goals import prepare_goals
+        from planning.goals.goal_work import prepare_goals
 
-        goals = tuple(
-            _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)
-        )
+        goals = self.robot_goals(cell)
         with watch.stage("assignment", ASSIGNMENT):
             return prepare_goals(cell, goals)
 
+    def robot_goals(self, cell: Workcell) -> tuple[RobotGoal, ...]:
+        """Return the goals in the order of the file.
+
+        Raises:
+            ScenarioError: a robot has no such frame, or another number of joints.
+        """
+        return tuple(
+            _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)
+        )
+
 
 def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
-    from planning.steps.robot_goals import RobotGoal
+    from planning.goals.robot_goal import RobotGoal
 
     robot = cell.robot(move.robot)
     if move.to is not None:
@@ -76,7 +85,10 @@ def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
                 choices=(*frames, "flange"),
             )
         return RobotGoal(
-            move.robot, pose=read_only_copy(move.to.transform()), frame=move.frame
+            move.robot,
+            pose=read_only_copy(move.to.transform()),
+            frame=move.frame,
+            number=number,
         )
     joints = move.to_rad_or_m
     if move.to_deg is not None:
@@ -87,4 +99,4 @@ def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
         raise ScenarioError(
             f"move {number}: robot {move.robot!r} has {dof} joints, not {len(joints)}"
         )
-    return RobotGoal(move.robot, joints=read_only_copy(joints))
+    return RobotGoal(move.robot, joints=read_only_copy(joints), number=number)

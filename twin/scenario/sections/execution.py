@@ -226,6 +226,16 @@ class ExecutionSection(Disturbances):
             if stop.robot is not None:
                 yield ("emergency_stops", i, "robot"), stop.robot
 
+    def named_workers(self) -> Iterator[tuple[KeyPath, str]]:
+        """Yield the robots and machines with planned stops and shifts, each with its key in the section."""
+        for i, stop in enumerate(self.planned_stops):
+            for k, name in enumerate(stop.who or ()):
+                yield ("planned_stops", i, "who", k), name
+        shifts = () if self.calendar is None else self.calendar.shifts
+        for i, shift in enumerate(shifts):
+            for k, name in enumerate(shift.who or ()):
+                yield ("calendar", "shifts", i, "who", k), name
+
     def disturbances(
         self, robots: tuple[str, ...], folder: Path = Path()
     ) -> Disturbances:
@@ -261,6 +271,8 @@ class ExecutionSection(Disturbances):
         ]
         if self.emergency_stops:
             reasons.append("emergency_stops happen at times of the run's clock")
+        if self.plans_stops:
+            reasons.append("planned stops and shifts are at times of the run's clock")
         if self.breaks_by_clock:
             reasons.append("breakdowns happen at times of the run's clock")
         return reasons

@@ -314,8 +314,7 @@ def speed_up_messages(messages: Messages, share: float) -> Messages:
 def _shorter_stops(own: Disturbances, which: str, share: float) -> Disturbances:
     """Return disturbances with stops shortened by a share."""
     if which == "breakdowns" and own.breakdowns is not None:
-        mttr_s = (1.0 - share) * own.breakdowns.mttr_s
-        return own.changed(breakdowns=own.breakdowns.changed(mttr_s=mttr_s))
+        return own.changed(breakdowns=own.breakdowns.repaired_faster(share))
     stops = tuple(
         stop.changed(duration_s=(1.0 - share) * stop.duration_s)
         for stop in own.emergency_stops

@@ -160,6 +160,14 @@ def _disturbances(own: ExecutionSection) -> Iterator[str]:
     for stop in own.emergency_stops:
         who = stop.robot or "every robot"
         yield f"emergency stop of {who} at {stop.at_s:g} s for {stop.duration_s:g} s"
+    for planned in own.planned_stops:
+        who = ", ".join(planned.who or ("all",))
+        again = "" if planned.every_s is None else f", every {planned.every_s:g} s"
+        yield f"planned stop of {who} at {planned.at_s:g} s for {planned.duration_s:g} s{again}"
+    if own.calendar is not None:
+        for shift in own.calendar.shifts:
+            days, who = ", ".join(shift.days), ", ".join(shift.who or ("all",))
+            yield f"shift of {who} on {days} from {shift.start} to {shift.end}; begins {own.calendar.begins}"
 
 
 def _stalls(stalls: Stalls, who: str, each: str) -> Iterator[str]:
@@ -171,9 +179,14 @@ def _stalls(stalls: Stalls, who: str, each: str) -> Iterator[str]:
 
 
 def _breakdowns(breaks: MachineBreakdowns, who: str) -> str:
+    if breaks.mtbf_s is not None and breaks.mttr_s is not None:
+        return (
+            f"breakdowns of {who} every {breaks.mtbf_s:g} s of {breaks.clock} time, repaired in"
+            f" {breaks.mttr_s:g} s (means)"
+        )
     return (
-        f"breakdowns of {who} every {breaks.mtbf_s:g} s of {breaks.clock} time, repaired in"
-        f" {breaks.mttr_s:g} s (means)"
+        f"breakdowns of {who} after {breaks.clock} time {_model(breaks.between)}, repaired in"
+        f" {_model(breaks.repair)}"
     )
 
 

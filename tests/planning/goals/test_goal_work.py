@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from planning.errors import InfeasibleStepError
+from planning.goals.goal_work import prepare_goals
+from planning.goals.robot_goal import RobotGoal
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import MotionSettings, plan_motions_sequentially
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
-from planning.steps.robot_goals import RobotGoal, prepare_goals
 from planning.tasks.highs_solver import assign_steps
 from planning.transforms import Transform, from_rpy, translation
 from tests.planning.parts.boxes import two_arms
