@@ -52,7 +52,7 @@ _HIGHEST_POWER = 100
 _ERRORS = (ArithmeticError, AttributeError, LookupError, SyntaxError, TypeError, ValueError)  # fmt: skip
 
 
-class ExpressionError(Exception):
+class XacroExpressionError(Exception):
     """An expression that is not allowed, or has no value."""
 
 
@@ -73,7 +73,7 @@ class _Names(dict[str, Any]):
             with suppress(KeyError):
                 if not callable(found := known[name]):
                     return found
-        raise ExpressionError(f"{name!r} is not defined")
+        raise XacroExpressionError(f"{name!r} is not defined")
 
 
 class _Rewriting(ast.NodeTransformer):
@@ -104,7 +104,9 @@ class _Rewriting(ast.NodeTransformer):
             name = f".{node.func.attr}"
             items.insert(0, self.visit(node.func.value))
         if node.keywords or name not in self._functions:
-            raise ExpressionError(f"{name[:60]!r} is no function that may be called")
+            raise XacroExpressionError(
+                f"{name[:60]!r} is no function that may be called"
+            )
         return ast.Call(_entry(name), items, [])
 
 
@@ -130,16 +132,16 @@ def evaluate(
         functions: that may be called, by name.
 
     Raises:
-        ExpressionError: it is no expression, not allowed, or without a value.
+        XacroExpressionError: it is no expression, not allowed, or without a value.
     """
     try:
         tree = _Rewriting(functions).visit(ast.parse(text.strip(), mode="eval"))
         for node in ast.walk(tree):
             if not isinstance(node, _NODES):
-                raise ExpressionError(f"{type(node).__name__} is not allowed")
+                raise XacroExpressionError(f"{type(node).__name__} is not allowed")
         code = compile(ast.fix_missing_locations(tree), "<expression>", "eval")
         names = _Names(values)
         names[_TABLE] = {**functions, _POWER: _power}
         return eval(code, {"__builtins__": {}}, names)  # of a rewritten tree
     except _ERRORS as error:
-        raise ExpressionError(f"{type(error).__name__}: {error}") from None
+        raise XacroExpressionError(f"{type(error).__name__}: {error}") from None

@@ -13,7 +13,7 @@ from planning.robots.registry import robot_model
 from planning.vendor_files.vendor_files import with_vendor_files
 from planning.vendor_files.xacro_expressions import (
     FUNCTIONS,
-    ExpressionError,
+    XacroExpressionError,
     evaluate,
 )
 from planning.vendor_files.xacro_file import xacro_root
@@ -158,7 +158,7 @@ def test_commands_refuse_an_attack_with_its_place(command: str, tmp_path: Path) 
 @pytest.mark.parametrize("text", EXPRESSIONS)
 def test_what_is_no_arithmetic_is_refused(text: str) -> None:
     values = {"xacro": {"load_yaml": print}, "python": {"type": type, "vars": vars}}
-    with pytest.raises((ExpressionError, MemoryError, RecursionError)):
+    with pytest.raises((XacroExpressionError, MemoryError, RecursionError)):
         evaluate(text, values, FUNCTIONS)
 
 
