@@ -74,7 +74,7 @@ def robots(
         str | None,
         typer.Argument(
             metavar="MODEL",
-            help="A name of the list, the URDF or MJCF file of a robot or a tool, or a"
+            help="A name of the list, the URDF, xacro or MJCF file of a robot or a tool, or a"
             " scenario, of which every robot is shown with its tool.",
         ),
     ] = None,
@@ -181,7 +181,7 @@ def _print_list(as_json: bool) -> None:
     heads = ("name", "joints", "what it is", "description from", "licence")
     _print_table(_table(heads, table))
     typer.echo(
-        "Any other robot: give `model:` the path of its URDF or MJCF file; twin robots FILE shows what is"
+        "Any other robot: give `model:` the path of its URDF, xacro or MJCF file; twin robots FILE shows what is"
         " in it."
     )
 

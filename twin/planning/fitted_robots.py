@@ -43,13 +43,13 @@ def fitted_model(
         RobotModelError: the description of the robot cannot be used.
     """
     if robot.tools:
-        return _model_of(robot, robot.model, folder, _fitting(robot, tools, bare=True))
+        return _model_of(robot, robot.model, folder, _fitting(robot.bare, bare=True))
     own = tools.get(robot.tool or "")
     if own is None and robot.tool is not None:
         _model_of(robot, robot.model, folder, Fitting())  # a missing one comes first
     model = robot.model if own else with_tool(robot.model, robot.tool, tuple(tools))
     tool = build_tool(str(robot.tool), own, folder) if own else None
-    return _model_of(robot, model, folder, _fitting(robot, tools, tool))
+    return _model_of(robot, model, folder, _fitting(robot, tool))
 
 
 def _model_of(
@@ -108,24 +108,15 @@ def described_file(
 
 
 def _fitting(
-    robot: RobotSection,
-    tools: Mapping[str, ToolSection],
-    tool: Tool | None = None,
-    *,
-    bare: bool = False,
+    robot: RobotSection, tool: Tool | None = None, *, bare: bool = False
 ) -> Fitting:
-    others = tuple(f"{n}." for n in tools if tool is None or n != tool.name)
     return Fitting(
         tool=tool,
         bare=bare,
         flange=robot.flange,
         held=robot.joints,
         limits=build_limits(robot.limits),
-        ignored={
-            (first, second): BY_HAND
-            for first, second in robot.ignore_contacts
-            if not (first.startswith(others) or second.startswith(others))
-        },
+        ignored=dict.fromkeys(robot.ignore_contacts, BY_HAND),
     )
 
 

@@ -47,3 +47,36 @@ def test_all_programs_leave_the_pair_out(
     assert verify_plan(tpg).ok
     problems = verify_plan(replace(tpg, cell=plain)).problems
     assert {problem.kind for problem in problems} == {"itself"}
+
+
+@pytest.mark.nightly
+def test_the_judge_leaves_the_pair_out(tmp_path: Path) -> None:
+    file, plan = folding_cell(tmp_path, PAIR), tmp_path / "plan.json"
+    invoke("run", file, "--out", tmp_path / "out", code=0)
+    invoke("export", tmp_path / "out", "-f", "open-plan", "--out", plan, code=0)
+    invoke("judge", plan, "--scenario", file, code=0)
+    plain = folding_cell(tmp_path)
+    invoke("judge", plan, "--scenario", plain, code=1)
+
+
+@pytest.mark.parametrize(
+    ("pair", "words"),
+    [
+        ("[link1, gone]", "there is no link 'gone' (valid: foot, link1, link2"),
+        ("[link1]", "ignore_contacts[0]: 2 e"),
+        ("[link1, 3]", "ignore_contacts[0][1]"),
+    ],
+)
+def test_a_pair_that_is_none_is_refused_at_its_key(
+    pair: str, words: str, tmp_path: Path
+) -> None:
+    file = folding_cell(tmp_path, f", ignore_contacts: [{pair}]")
+    done = invoke("validate", file, code=2)
+    assert words in done.output
+    assert "cell.yaml:5" in done.output
+
+
+def test_check_says_what_is_not_checked(tmp_path: Path) -> None:
+    done = invoke("check", folding_cell(tmp_path, PAIR), code=0)
+    assert "one: 1 pairs of links are not checked for collisions" in done.output
+    assert "link1 and link3 (40 mm deep" in done.output

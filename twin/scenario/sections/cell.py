@@ -209,8 +209,8 @@ class RobotSection(Section):
 
     Attributes:
         name: unique in the cell.
-        model: a name that ``twin robots`` lists, or the path of a URDF or MJCF file, relative to
-            the scenario's; package://NAME/PATH is a file of a package of Python or ROS.
+        model: a name that ``twin robots`` lists, or the path of a URDF, xacro or MJCF file, relative
+            to the scenario's; package://NAME/PATH is a file of a package of Python or ROS.
         base: pose of the base in the world; that of a mobile robot is the origin of the ground
             it drives on.
         home_deg: HOME of a robot with revolute joints only [deg]; default: the model's.
@@ -271,9 +271,23 @@ class RobotSection(Section):
         """The robot with each of its tools as the only one; itself where it changes none."""
         if not self.tools:
             return (self,)
-        return tuple(
-            self.model_copy(update={"tool": name, "tools": ()}) for name in self.tools
+        return tuple(self._with_only(name) for name in self.tools)
+
+    @property
+    def bare(self) -> RobotSection:
+        """The robot without any of its tools."""
+        return self._with_only(None)
+
+    def _with_only(self, tool: str | None) -> RobotSection:
+        """Return the robot with one of its tools, without pairs of links of the others."""
+        others = tuple(f"{name}." for name in self.tools if name != tool)
+        kept = tuple(
+            pair
+            for pair in self.ignore_contacts
+            if not any(link.startswith(others) for link in pair)
         )
+        changes = {"tool": tool, "tools": (), "ignore_contacts": kept}
+        return self.model_copy(update=changes)
 
 
 class RingSection(Section):
