@@ -118,15 +118,16 @@ def _required(item: Element, key: str, where: str) -> str:
     return value
 
 
-def mjcf_semantics(path: Path) -> Semantics | None:
-    """Return the semantics of an MJCF file, None for a file of another format.
+def mjcf_semantics(root: Element, path: Path) -> Semantics:
+    """Return the semantics of an MJCF file.
+
+    Args:
+        root: of its XML, changed.
+        path: the file.
 
     Raises:
         RobotModelError: it cannot be read, or an element of it lacks something.
     """
-    root = read_xml(path)
-    if root.tag != "mujoco":
-        return None
     urdf = mjcf_to_urdf(root, path)  # also includes files and merges sections
     ignored = {}
     for number, item in enumerate(root.findall("contact/exclude"), 1):

@@ -14,7 +14,7 @@ from planning.files import is_file, resolve_file_name
 from planning.robots.descriptions.fitting import Fitting, ignored_pairs
 from planning.robots.descriptions.read_description import read_description
 from planning.robots.descriptions.urdf_geometry import joint_link
-from planning.robots.descriptions.xml_files import parse_number
+from planning.robots.descriptions.xml_files import parse_number, read_xml
 from planning.vendor_files.semantics import (
     Semantics,
     find_srdf,
@@ -97,10 +97,10 @@ def _semantics(
 ) -> Semantics | None:
     """Return what the vendor says of a description that was made of a source."""
     if srdf is None:
-        known = mjcf_semantics(path)
-        if known is not None:
-            return known
-        found = find_srdf(source, read_description(path).get("name", ""))
+        root = read_xml(path)
+        if root.tag == "mujoco":
+            return mjcf_semantics(root, path)
+        found = find_srdf(source, root.get("name", ""))
         return None if found is None else srdf_semantics(found)
     try:
         file = resolve_file_name(srdf, folder, RobotModelError).resolve()

@@ -118,7 +118,7 @@ def check_ignored_contacts(subject: CheckContext) -> Findings:
 def exemption_notes(subject: CheckContext) -> tuple[str, ...]:
     """Return a note on the exempt pairs of links of each robot."""
     return tuple(
-        f"{robot.name}: {sum(map(len, found.values()))} pairs of links are not checked for collisions: "
+        f"{robot.name}: pairs of links that are not checked for collisions: "
         + ", ".join(f"{why} ({len(pairs)})" for why, pairs in found.items())
         for robot in subject.distinct_robots
         if (found := exemptions(robot.model))

@@ -78,5 +78,8 @@ def test_a_pair_that_is_none_is_refused_at_its_key(
 
 def test_check_says_what_is_not_checked(tmp_path: Path) -> None:
     done = invoke("check", folding_cell(tmp_path, PAIR), code=0)
-    assert "one: 1 pairs of links are not checked for collisions" in done.output
+    assert (
+        "one: pairs of links that are not checked for collisions: ignore_contacts (1)"
+        in done.output
+    )
     assert "link1 and link3 (40 mm deep" in done.output
