@@ -43,6 +43,7 @@ FLOORS = ("twin", "scheduling", "planning")
 WINGS = ROOT / "docs" / "house.toml"
 TRIED = "scenarios/multi_arm/multi_goal.yaml"
 """Scenario that runs without any wing."""
+TRIED_SO = "planning.coordination=sequential"
 VALIDATED = {
     "lego": "scenarios/lego/stairs.yaml",
     "assembly": "scenarios/assembly/magazine.yaml",
@@ -377,7 +378,7 @@ def fault_without(wing: str, folder: Path) -> str:
     for place in (place for name in gone for place in declared[name].places):
         path = copy / place
         shutil.rmtree(path) if path.is_dir() else path.unlink()
-    options = ("--no-recording", "--no-audit", "--out", "run")
+    options = ("--no-recording", "--no-audit", "--out", "run", "--set", TRIED_SO)
     done = _twin(copy, "run", TRIED, *options)
     if done.returncode != 0:
         return f"{TRIED} does not run: {_last_line(done)}"

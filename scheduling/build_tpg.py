@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import count, permutations
 
 import numpy as np
@@ -44,6 +45,7 @@ def build_tpg(
 def connect_nodes(
     nodes: DerivedTpg,
     known: tuple[Indices, Causes] = NO_EDGES,
+    searched: Sequence[int] = (),
     *,
     progress: Progress = no_progress,
 ) -> TemporalPlanGraph:
@@ -53,6 +55,8 @@ def connect_nodes(
         nodes: a graph whose edges are ignored.
         known: edges in addition to those of dependencies, shape (e, 4), and their causes: what they
             imply is not searched again.
+        searched: number of first nodes of each chain, by default none. Conflicts among these are ordered by ``known``,
+            and so are conflicts among the others.
         progress: called during the conflict search, see ``find_motion_edges``.
 
     Raises:
@@ -61,7 +65,7 @@ def connect_nodes(
     """
     task_edges = dependency_edges(nodes.tpg)
     settled = np.concatenate([task_edges, known[0]])
-    motion_edges = find_motion_edges(nodes, settled, progress)
+    motion_edges = find_motion_edges(nodes, settled, progress, searched)
     causes = [
         np.full(len(task_edges), TASK_DEPENDENCY, dtype=np.uint8),
         known[1],
@@ -72,7 +76,7 @@ def connect_nodes(
     )
     # What precedes what is computed again, from the edges that are left.
     same = ("ranks", "history", "spans", "occupancies")
-    check_invariant(graph.derive(graph.tpg, *same), searched=True)
+    check_invariant(graph.derive(graph.tpg, *same), searched=True, before=searched)
     return graph.tpg
 
 
@@ -80,6 +84,7 @@ def find_motion_edges(
     nodes: DerivedTpg,
     task_edges: Indices,
     progress: Progress = no_progress,
+    searched: Sequence[int] = (),
 ) -> Indices:
     """Return the type-2 edges that motion conflicts require, not reduced, shape (e, 4).
 
@@ -94,6 +99,7 @@ def find_motion_edges(
         task_edges: what is known to precede; not searched again.
         progress: called after each ordered pair of robots with pairs done and in all, by the
             thread that searched it.
+        searched: see ``connect_nodes``.
     """
     implied, _ = transitive_reduction(nodes.ranks, task_edges)
     occupancies = nodes.occupancies
@@ -104,6 +110,10 @@ def find_motion_edges(
         i, k = pair
         floor = implied.last_before(i, k).copy()
         limit = nodes_before(nodes.ranks, i, k)
+        if searched:
+            first = searched[i]
+            limit[:first] = np.minimum(limit[:first], floor[:first] + 1)
+            limit[first:] = np.minimum(limit[first:], searched[k])
         own, other = occupancies[i], occupancies[k]
         found = search_conflicts(own, other, floor, limit, nodes.table)
         edges = [(k, u, i, v) for v, u in found]

@@ -11,6 +11,8 @@ conflicts with u or u + 1, whose occupancies contain the robot at rest. Only suc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from planning.errors import PlanInvariantError
@@ -28,7 +30,9 @@ from scheduling.conflicts.object_spans import Node, Rest, nodes_meeting_rest
 from scheduling.conflicts.occupancy import Occupancy
 
 
-def check_invariant(graph: DerivedTpg, *, searched: bool = False) -> None:
+def check_invariant(
+    graph: DerivedTpg, *, searched: bool = False, before: Sequence[int] = ()
+) -> None:
     """Check that a graph is safe for any delays.
 
     The exact decision calls close what is within its tolerance of the clearance. That only
@@ -40,6 +44,7 @@ def check_invariant(graph: DerivedTpg, *, searched: bool = False) -> None:
         searched: True when the edges come straight from ``find_motion_edges`` over the
             occupancies of the graph: that search has refused every pair of nodes that its
             edges do not order, so (a) holds and is not searched a second time.
+        before: number of first nodes of each chain, by default none, for which (c) was checked in a graph of their own.
 
     Raises:
         PlanInvariantError: names the two nodes, or the node and what stands, that are not
@@ -50,7 +55,7 @@ def check_invariant(graph: DerivedTpg, *, searched: bool = False) -> None:
         _check_nodes(graph)
     _check_holds(graph)
     _check_robots_without_nodes(graph)
-    _check_rests(graph)
+    _check_rests(graph, before)
 
 
 def _check_nodes(graph: DerivedTpg) -> None:
@@ -120,13 +125,17 @@ def _check_objects_in_order(graph: DerivedTpg) -> None:
                 )
 
 
-def _check_rests(graph: DerivedTpg) -> None:
-    """Check (c)."""
+def _check_rests(graph: DerivedTpg, before: Sequence[int] = ()) -> None:
+    """Check (c), but not again for nodes and rests of the same graph of first nodes."""
 
     def node_into(rest: Rest) -> Node | None:
         occupancy = occupant_of_rest(graph, rest).occupancy
+        ends = [node for node in (rest.after, rest.before) if node is not None]
+        checked = before and any(node < before[chain] for chain, node in ends)
         for i, chain in enumerate(graph.tpg.chains):
             floor, limit = nodes_meeting_rest(graph.order, rest, i, len(chain))
+            if checked:
+                floor = max(floor, before[i] - 1)
             if floor + 1 < limit:
                 window = np.full(1, floor), np.full(1, limit)
                 found = _conflict(graph, occupancy, i, *window)

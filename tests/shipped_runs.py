@@ -76,7 +76,7 @@ def _plan_and_run(folder: Path, file: Path, robots: int | None) -> ShippedRun:
         content = resolve_scenario(scenario)
         choose_robots(content["cell"], robots)
         scenario = restore_scenario(content)
-    planned = plan_scenario(scenario, file.parent)
+    planned = plan_scenario(scenario, file.parent, bound=True)
     trial = run_plan_to_folder(
         given_plan(LoadedScenario(scenario, file.parent), planned.tpg),
         prepare_run_folder(folder / "run", scenario.name),

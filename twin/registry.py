@@ -223,6 +223,7 @@ HOOKS = Group(
         "plan warnings": "twin.warnings.plan_warnings:plan_warnings",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explorations.designs:begin_named_design",
+        "synchronous plan": "scheduling.synchronous.synchronous_plan:plan_synchronous",
         "assignment search": "planning.assignment_search.search:search_assignments",
         "makespan bound": "planning.makespan_bound.makespan_bound:makespan_bound_s",
         "vendor files": "planning.vendor_files.vendor_files:with_vendor_files",

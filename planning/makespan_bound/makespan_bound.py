@@ -6,19 +6,23 @@ programming over the steps finds its shortest schedule.
 
 A *label* is a state after some steps: the place of each robot, and the clocks of ``ChoiceTimes``. Labels that are
 dominated by another one with the same places are dropped. If too many remain, neighbours are merged: the earliest of
-their clocks are a lower bound for both. One object may be used by several steps.
+their clocks are a lower bound for both.
+
+One object may be used by several steps. Each use costs its price, and one use of each object is refunded, which makes
+no plan longer that uses objects once: a lower bound for all prices that are not negative (Lagrangian relaxation).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.makespan_bound.choice_times import (
+    NEVER,
     ChoiceReader,
     ChoiceTimes,
     LeastSeconds,
@@ -39,11 +43,20 @@ _MOST_LABELS, _MOST_ALIKE = 1000, 4
 _MOST_EXTENSIONS = 1_300_000
 """Greatest number of labels times choices of all steps: about a second."""
 
-_AT_ONCE = 128
-"""Rows that are compared with each other at once."""
+_ROUNDS, _LAST_ROUNDS = 80, 20
+"""Subgradient steps, and those at the end of which the mean of the prices is taken."""
+
+_MOST_ROUND_EXTENSIONS = 54_000
+"""Greatest number of labels times choices in each of them."""
+
+_STRIDE, _FADING, _DEFLECTION = 0.15, 0.955, 0.7
+"""First change of all prices as a share of the bound, and shares of the last stride and direction that are kept."""
 
 _SAME = 1e-9
 """Clocks that differ by less are the same [s]."""
+
+_STAYS = -2
+"""In place of the number of a configuration: the robot takes no part."""
 
 
 def makespan_bound_s(
@@ -67,39 +80,66 @@ def makespan_bound_s(
         return None
     reader = ChoiceReader(cell, work, plan, settings)
     times = [reader.read(choice) for choice in choices]
-    homes = {k: robot.home for k, robot in enumerate(cell.robots)}
+    homes = [robot.home for robot in cell.robots]
 
     def seconds(k: int, apart: Array) -> Array:
         robot = cell.robots[k]
         turning = ~robot.model.chain.prismatic
         return least_seconds(settings.speeds[robot.name], turning, apart)
 
-    return least_makespan(times, homes, seconds)
+    schedules = PricedSchedules(times, homes, seconds)
+    return raised_bound(schedules, work.problem.unlimited)
 
 
-def least_makespan(
-    times: Sequence[ChoiceTimes], homes: Mapping[int, Array], seconds: LeastSeconds
-) -> float:
-    """Return the least makespan over all choices, or a lower bound of it where labels are merged [s].
+def raised_bound(schedules: PricedSchedules, unlimited: frozenset[str]) -> float:
+    """Return the lower bound of the makespan that a deflected subgradient method finds [s].
+
+    Its rounds keep few labels; the bounds without prices, and with the mean of the last ones, keep many. Directions are
+    deflected as in Camerini, Fratta and Maffioli, On improving relaxation methods by modified gradient techniques, 1975.
 
     Args:
-        times: least times of the choices, in the order of the steps.
-        homes: where robots begin and end, by number, shape (n,) [rad or m].
-        seconds: least times of the motions of a robot, by its number, from differences of configurations.
+        schedules: of all choices.
+        unlimited: objects that may be used several times.
     """
-    steps: dict[int, list[ChoiceTimes]] = defaultdict(list)
-    for item in times:
-        steps[item.choice.step].append(item)
-    most = max(1, min(_MOST_LABELS, _MOST_EXTENSIONS // len(times)))
-    search = _LabelSearch(homes, seconds, most)
-    clocks = np.zeros((1, len(times[0].matrix)))
-    labels = _Labels(clocks, np.zeros((1, len(homes)), dtype=np.int64))
-    for step in sorted(steps):
-        labels = search.after(labels, steps[step])
-    clocks = labels.clocks.copy()
-    for k, home in homes.items():
-        clocks[:, 1 + k] += search.travel(k, labels.places[:, k], home)
-    return float(clocks.max(axis=1).min())
+    total = sum(len(step.objects) for step in schedules.steps)
+    most, few = (
+        max(1, min(_MOST_LABELS, extensions // total))
+        for extensions in (_MOST_EXTENSIONS, _MOST_ROUND_EXTENSIONS)
+    )
+    limited = np.array([name not in unlimited for name in schedules.objects])
+    bound, uses = schedules.shortest(np.zeros(len(limited)), most)
+    if np.all(uses[limited] <= 1):
+        return bound
+    prices, direction, mean = np.zeros((3, len(limited)))
+    for number in range(_ROUNDS):
+        direction = np.where(limited, uses - 1, 0) + _DEFLECTION * direction
+        change = np.where((direction > 0.0) | (prices > 0.0), direction, 0.0)
+        stride = _STRIDE * bound * _FADING**number / max(1.0, np.abs(change).sum())
+        prices = np.maximum(0.0, prices + stride * change)
+        if number >= _ROUNDS - _LAST_ROUNDS:
+            mean += prices / _LAST_ROUNDS
+        _, uses = schedules.shortest(prices, few)
+    return max(bound, schedules.shortest(mean, most)[0])
+
+
+@dataclass(frozen=True)
+class _Step:
+    """The c choices of a step as arrays, for n robots, and r robots and machines.
+
+    Attributes:
+        objects: number of the object of each choice, shape (c,).
+        matrices: those of ``ChoiceTimes``, shape (c, 1 + r, 1 + r) [s].
+        start: row of each choice in ``travel``, shape (c, n).
+        end: numbers of the last configurations, or _STAYS, shape (c, n).
+        travel: for each robot the least times to its s - 1 first configurations, below a row of zeros, shape
+            (s, p + 1): from those that it has ended a step in, by number, and from the nearest one [s].
+    """
+
+    objects: Indices
+    matrices: Array
+    start: Indices
+    end: Indices
+    travel: tuple[Array, ...]
 
 
 @dataclass(frozen=True)
@@ -109,84 +149,139 @@ class _Labels:
     Attributes:
         clocks: shape (l, 1 + r) [s].
         places: number of the configuration of each robot, -1 for any that one has ended a step in, shape (l, n).
+        choice: number of the choice by which each was reached, shape (l,).
+        before: number of the label before it, shape (l,).
     """
 
     clocks: Array
     places: Indices
+    choice: Indices
+    before: Indices
 
 
-class _LabelSearch:
-    """Extends labels by choices; see ``least_makespan``."""
+class PricedSchedules:
+    """Schedules of the relaxed problem, in which the use of an object has a price.
+
+    Args:
+        times: least times of the choices, in the order of the steps.
+        homes: where each robot begins and ends, shape (n,) [rad or m].
+        seconds: least times of the motions of a robot, by its number, from differences of configurations.
+
+    Attributes:
+        objects: names of the objects, in the order of their prices.
+        steps: the choices of each step.
+    """
 
     def __init__(
-        self, homes: Mapping[int, Array], seconds: LeastSeconds, most: int
+        self,
+        times: Sequence[ChoiceTimes],
+        homes: Sequence[Array],
+        seconds: LeastSeconds,
     ) -> None:
-        self._seconds, self._most = seconds, most
-        self._ends = {k: NumberedConfigurations(home) for k, home in homes.items()}
+        self._seconds = seconds
+        self._ends = [NumberedConfigurations(home) for home in homes]
+        self.objects = sorted({item.choice.object for item in times})
+        found: dict[int, list[ChoiceTimes]] = defaultdict(list)
+        for item in times:
+            found[item.choice.step].append(item)
+        self.steps = [self._step(found[step]) for step in sorted(found)]
+        self._back = [self._travel(k, home[None])[0] for k, home in enumerate(homes)]
 
-    def after(self, labels: _Labels, step: Sequence[ChoiceTimes]) -> _Labels:
-        """Return the labels after a step for all of its choices."""
-        alike: dict[tuple[tuple[int, bytes], ...], list[ChoiceTimes]]
-        alike = defaultdict(list)
-        for item in step:
-            ends = (*item.start.items(), *item.end.items())
-            alike[tuple((k, q.tobytes()) for k, q in ends)].append(item)
-        size = labels.clocks.shape[1]
-        clocks, places = [], []
-        for items in alike.values():
-            arrivals, there = labels.clocks.copy(), labels.places.copy()
-            for k, start in items[0].start.items():
-                arrivals[:, 1 + k] += self.travel(k, labels.places[:, k], start)
-                there[:, k] = self._ends[k].number(items[0].end[k])
-            matrices = np.array([item.matrix for item in items])
-            kept = matrices[_front(matrices.reshape(len(items), -1))]
-            later = (kept[:, None] + arrivals[:, None]).max(axis=-1)
-            clocks.append(later.reshape(-1, size))
-            places.append(np.tile(there, (len(kept), 1)))
-        found = _Labels(np.concatenate(clocks), np.concatenate(places))
-        return _reduced(found, self._most)
+    def shortest(self, prices: Array, most: int) -> tuple[float, Indices]:
+        """Return the least makespan plus prices of repeated uses, or less [s], and how often its schedule uses each object.
 
-    def travel(self, k: int, places: Indices, to: Array) -> Array:
-        """Return the least times from the places of a robot to a configuration, shape (l,) [s]."""
-        numbers, rows = np.unique(places, return_inverse=True)
-        items = np.array(self._ends[k].items)
-        least = self._seconds(k, to - items[numbers])
-        if numbers[0] < 0:
-            least[0] = self._seconds(k, to - items).min()
-        return np.asarray(least[rows])
+        Args:
+            prices: of the objects, shape (o,) [s].
+            most: greatest number of labels after a step.
+        """
+        none, size = np.zeros(1, dtype=np.int64), self.steps[0].matrices.shape[-1]
+        places = np.zeros((1, len(self._ends)), dtype=np.int64)
+        found = [_Labels(np.zeros((1, size)), places, none, none)]
+        for step in self.steps:
+            found.append(_reduced(_extended(found[-1], step, prices), most))
+        clocks = found[-1].clocks.copy()
+        for k, back in enumerate(self._back):
+            clocks[:, 1 + k] += back[found[-1].places[:, k]]
+        makespans, uses = clocks.max(axis=1), np.zeros(len(prices), dtype=np.int64)
+        at = least = int(np.argmin(makespans))
+        for labels, step in zip(found[:0:-1], self.steps[::-1], strict=True):
+            uses[step.objects[labels.choice[at]]] += 1
+            at = int(labels.before[at])
+        return float(makespans[least] - prices.sum()), uses
+
+    def _step(self, items: Sequence[ChoiceTimes]) -> _Step:
+        start = np.zeros((len(items), len(self._ends)), dtype=np.int64)
+        end, travel = np.full_like(start, _STAYS), []
+        for k, ends in enumerate(self._ends):
+            own = [row for row, item in enumerate(items) if k in item.start]
+            # From configurations of steps before: those of this one have no numbers yet.
+            table = np.zeros((1, len(ends.items) + 1))
+            if own:
+                firsts = np.array([items[row].start[k] for row in own])
+                distinct, rows = np.unique(firsts, axis=0, return_inverse=True)
+                start[own, k] = 1 + rows.ravel()
+                table = np.vstack([table, self._travel(k, distinct)])
+            travel.append(table)
+            end[own, k] = [ends.number(items[row].end[k]) for row in own]
+        number = {name: k for k, name in enumerate(self.objects)}
+        objects = np.array([number[item.choice.object] for item in items])
+        matrices = np.array([item.matrix for item in items])
+        return _Step(objects, matrices, start, end, tuple(travel))
+
+    def _travel(self, k: int, to: Array) -> Array:
+        """Return the least times of a robot to configurations of shape (s, n), shape (s, p + 1) [s]."""
+        least = self._seconds(k, to[:, None] - np.array(self._ends[k].items))
+        return np.hstack([least, least.min(axis=1, keepdims=True)])
+
+
+def _extended(labels: _Labels, step: _Step, prices: Array) -> _Labels:
+    """Return the labels after a step for all of its choices."""
+    size, count = len(step.objects), len(labels.clocks)
+    arrivals = np.tile(labels.clocks, (size, 1, 1))
+    for k, table in enumerate(step.travel):
+        arrivals[..., 1 + k] += table[step.start[:, k]][:, labels.places[:, k]]
+    clocks = np.full_like(arrivals, NEVER)
+    for b in range(clocks.shape[-1]):
+        later = step.matrices[:, None, :, b] + arrivals[..., b, None]
+        np.maximum(clocks, later, out=clocks)
+    clocks += prices[step.objects][:, None, None]
+    end = step.end[:, None]
+    places = np.where(end == _STAYS, labels.places, end)
+    return _Labels(
+        clocks.reshape(size * count, -1),
+        places.reshape(size * count, -1),
+        np.repeat(np.arange(size), count),
+        np.tile(np.arange(count), size),
+    )
 
 
 def _reduced(labels: _Labels, most: int) -> _Labels:
     """Return the labels that are not dominated, merged if they are too many."""
-    places = labels.places.copy()
+    clocks, places = labels.clocks, labels.places.copy()
     while True:
-        found, group = np.unique(places, axis=0, return_inverse=True)
-        if len(found) <= most:
+        group = np.zeros(len(places), dtype=np.int64)
+        for column in (places - places.min()).T:
+            ranked = group * (column.max() + 1) + column
+            group = np.unique(ranked, return_inverse=True)[1]
+        count = int(group.max()) + 1
+        if count <= most:
             break
         # A robot that may be anywhere is as near to its next work as it can be.
         several = [len(np.unique(column)) for column in places.T]
         places[:, int(np.argmax(several))] = -1
-    alike = max(1, min(_MOST_ALIKE, most // len(found)))
-    order = np.argsort(group.ravel(), kind="stable")
-    borders = np.flatnonzero(np.diff(group.ravel()[order])) + 1
-    clocks, rows = [], []
-    for own in np.split(order, borders):
-        front = own[_front(labels.clocks[own])]
-        for part in np.array_split(front, min(alike, len(front))):
-            clocks.append(labels.clocks[part].min(axis=0))
-            rows.append(part[0])
-    return _Labels(np.array(clocks), places[rows])
-
-
-def _front(rows: Array) -> Indices:
-    """Return the indices of the rows that no other row dominates, in order, shape (k,)."""
-    if len(rows) == 1:
-        return np.zeros(1, dtype=np.int64)
-    order = np.lexsort(rows.T[::-1])
-    kept = order[:0]
-    for part in np.array_split(order, -(-len(order) // _AT_ONCE)):
-        # Only earlier rows in lexicographic order can dominate a row.
-        both = np.concatenate([kept, part])
-        ahead = np.all(rows[both] <= rows[both][:, None] + _SAME, axis=-1)
-        kept = both[~np.tril(ahead, -1).any(axis=1)]
-    return kept
+    keys = clocks[:, 0], clocks[:, 1:].sum(axis=1), clocks.max(axis=1), group
+    order, merged, rows = np.lexsort(keys), list[Array](), list[Indices]()
+    for more in range(max(1, min(_MOST_ALIKE, most // count)) - 1, -1, -1):
+        starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+        rows.append(order[starts])
+        if more == 0:
+            merged.append(np.minimum.reduceat(clocks[order], starts))
+            break
+        merged.append(clocks[rows[-1]])
+        best = np.repeat(rows[-1], np.diff(starts, append=len(order)))
+        order = order[~np.all(clocks[best] <= clocks[order] + _SAME, axis=1)]
+        if not len(order):
+            break
+    found = np.concatenate(rows)
+    choice, before = labels.choice[found], labels.before[found]
+    return _Labels(np.concatenate(merged), places[found], choice, before)

@@ -1,4 +1,4 @@
-"""Motion between skills: transits, speeds, sequential plans, and composite motions of several robots.
+"""Motion between skills: transits, speeds, and sequential plans.
 
 Imports cell, geometry, tasks and timing.
 """

@@ -1,4 +1,4 @@
-"""Task order: precedence of conflicting tasks, better plans, and the synchronous baseline.
+"""Task order: precedence of conflicting tasks, and better plans.
 
 Imports graph, conflicts, shortcuts and build_tpg.
 """

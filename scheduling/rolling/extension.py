@@ -195,7 +195,13 @@ def extend_graph(
         known.append((a, u + count[a], b, v + count[b]))
     edges = np.array(known, dtype=np.int64).reshape(-1, 4)
     causes = np.concatenate([committed.cause, new.cause])
-    return _with_idle(connect_nodes(DerivedTpg(union), (edges, causes)), order)
+    searched, failed = [0] * len(every), TaskKind.FAILED
+    for chain in committed.chains:
+        # Without failed attempts at the end, which have left objects elsewhere.
+        kept = [committed.tasks[k].kind != failed for k in chain.task.tolist()]
+        searched[place[chain.robot]] = len(kept) - [*kept[::-1], True].index(True)
+    tpg = connect_nodes(DerivedTpg(union), (edges, causes), searched)
+    return _with_idle(tpg, order)
 
 
 def _with_idle(tpg: TemporalPlanGraph, order: Sequence[str]) -> TemporalPlanGraph:

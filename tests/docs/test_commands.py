@@ -23,7 +23,7 @@ _BLOCK = re.compile(
     re.DOTALL,
 )
 _PIECE = re.compile(
-    r"<!-- file: (?P<name>\S+) -->\n```yaml\n(?P<body>.*?)```", re.DOTALL
+    r"<!-- file: (?P<name>\S+) -->\n```(?:yaml|text)\n(?P<body>.*?)```", re.DOTALL
 )
 
 

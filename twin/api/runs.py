@@ -73,7 +73,7 @@ def plan(
     if moment is not None:
         cut_run = HOOKS.require("cut of a run", "a plan from a run")
         start = cut_run(checked.scenario, moment, out_of_service)
-    made = plan_scenario(checked.scenario, progress=progress, start=start)
+    made = plan_scenario(checked.scenario, progress=progress, start=start, bound=True)
     return replace(made, warnings=checked.warnings, fits=checked.fits)
 
 
@@ -160,7 +160,7 @@ def run(
     with run_folder(out, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
-        made = ready or plan_scenario(checked.scenario, progress=progress)
+        made = ready or plan_scenario(checked.scenario, progress=progress, bound=True)
         return run_plan_to_folder(
             replace(made, warnings=checked.warnings, fits=checked.fits),
             folder,

@@ -19,16 +19,11 @@ from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import plan_cost
 from scheduling.ordering.reordering import reorder_tasks
-from scheduling.ordering.synchronous import (
-    SynchronousPlan,
-    TaskConflicts,
-    plan_synchronous,
-)
 from scheduling.planned_motions import PlannedMotions
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
-from twin.registry import PLANNERS
+from twin.registry import HOOKS, PLANNERS
 from twin.scenario.sections.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
@@ -141,22 +136,29 @@ def require_sequential(scenario: Scenario) -> None:
 
 def plan_synchronously(
     turns: PlannedMotions, watch: StageWatch, *, always_jointly: bool = False
-) -> SynchronousPlan:
+) -> tuple[MotionPlan, Indices]:
     """Let robots move simultaneously in slots; the stage is synchronous.
 
     Args:
         turns: one task after another.
         watch: measures the stage.
-        always_jointly: see ``plan_synchronous``.
+        always_jointly: plan all transits of a slot jointly.
+
+    Returns:
+        The motions, timed by slots, and the slot of each task, from 0, shape (tasks,).
+
+    Raises:
+        RequestError: the planner of slots is not installed.
     """
+    plan_synchronous = HOOKS.require("synchronous plan", "a plan in slots")
     with watch.stage("synchronous"):
-        return plan_synchronous(
+        slots = plan_synchronous(
             turns.motion_plan,
             turns.settings,
-            TaskConflicts(turns.motion_plan),
-            watch.reporter(SLOTS),
+            progress=watch.reporter(SLOTS),
             always_jointly=always_jointly,
         )
+    return slots.motion_plan, slots.slot_of_task
 
 
 def build_plan_graph(

@@ -103,6 +103,7 @@ def plan_scenario(
     wanted: Collection[str] = (),
     candidates: int = 0,
     motions: PlannedMotions | None = None,
+    bound: bool = False,
     clock: Callable[[], float] = time.perf_counter,
 ) -> PlanResult:
     """Plan a scenario from the cell to the temporal plan graph.
@@ -122,6 +123,7 @@ def plan_scenario(
             that the scenario says.
         candidates: shortcuts tried on each wanted plan.
         motions: result of ``plan_motions``, where it exists already.
+        bound: work out the lower bound of the makespan over all assignments.
         clock: returns the time that stages and ``planning.shortcut_s`` are measured by, wall-clock
             by default [s].
 
@@ -164,13 +166,11 @@ def plan_scenario(
     plan = replace(plan, made_of=replace(used, work=None))
     if used.pattern is not None:
         return _repeated(plan, watch)
-    if used.work is None:
+    if not bound or used.work is None or "makespan bound" not in HOOKS:
         return plan
-    if "makespan bound" not in HOOKS:
-        return plan
-    bound = HOOKS.load("makespan bound")
-    least = bound(used.cell, used.work, used.task_plan, used.settings)
-    return replace(plan, makespan_bound_s=least)
+    least = HOOKS.load("makespan bound")
+    found = least(used.cell, used.work, used.task_plan, used.settings)
+    return replace(plan, makespan_bound_s=found)
 
 
 def _wanted(
@@ -306,8 +306,10 @@ class CoordinatedPlans:
                 )
             elif name == IN_SLOTS:
                 always = self._scenario.planning.joint_planning == "always"
-                slots = plan_synchronously(self._motions, watch, always_jointly=always)
-                tpg = build_plan_graph(slots.motion_plan, watch, slots.slot_of_task)
+                motion_plan, slots = plan_synchronously(
+                    self._motions, watch, always_jointly=always
+                )
+                tpg = build_plan_graph(motion_plan, watch, slots)
             else:
                 tpg = build_plan_graph(self._motions.motion_plan, watch)
             if not tpg.chains:

@@ -37,12 +37,14 @@ class BrickType:
         studs: studs along the brick's own x and y.
         mass: [kg].
         height: without its studs [levels]: 3 for a brick, 1 for a plate.
+        bare: the studs (x, y) in its own axes that have no knob on top.
     """
 
     name: str
     studs: tuple[int, int]
     mass: float
     height: int = BRICK_LEVELS
+    bare: frozenset[tuple[int, int]] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -183,6 +185,15 @@ class OnGrid:
     def studs(self) -> frozenset[tuple[int, int]]:
         """The (x, y) of every stud that it covers."""
         return self.span.studs
+
+    @cached_property
+    def knobs(self) -> frozenset[tuple[int, int]]:
+        """The (x, y) of every stud that it covers and has a knob on."""
+        x, y, last = self.cell.x, self.cell.y, self.brick.studs[1] - 1
+        bare = self.brick.bare
+        if self.cell.turned:
+            return self.studs - {(x + last - j, y + i) for i, j in bare}
+        return self.studs - {(x + i, y + j) for i, j in bare}
 
     @cached_property
     def places(self) -> frozenset[GridPlace]:

@@ -57,11 +57,27 @@ def legal_offsets(brick: BrickType, side: int) -> range:
 def legal_presses(brick: BrickType) -> tuple[Press, ...]:
     """Return all legal grips of a brick, at most 4 sides x 7 offsets, those on two studs first.
 
-    Grips on one stud are listed only if no side of the brick has two studs.
+    Grips on one stud are listed only if no side of the brick has two studs. Along a side of more than
+    eight studs the tool takes the first eight. There are none where a knob is missing.
     """
-    every = [(side, off) for side in SIDES for off in legal_offsets(brick, side)]
+    every = [
+        (side, off)
+        for side in SIDES
+        for off in legal_offsets(brick, side)[:MOST_OFFSETS]
+    ]
+    every = [own for own in every if has_knobs(brick, Press(*own))]
     wide = [(s, o) for s, o in every if side_studs(brick, s) >= 2]
     return tuple(Press(side, off) for side, off in (wide or every))
+
+
+def has_knobs(brick: BrickType, press: Press) -> bool:
+    """Tell whether a brick has the knobs that a grip covers."""
+    length, (nx, ny) = side_studs(brick, press.side), brick.studs
+    along = range(press.offset, min(press.offset + 2, length))
+    across = {1: 0, 2: ny - 1, 3: 0, 4: nx - 1}[press.side]
+    return brick.bare.isdisjoint(
+        (across, k) if press.side in (1, 4) else (k, across) for k in along
+    )
 
 
 def check_press(brick: BrickType, press: Press) -> None:

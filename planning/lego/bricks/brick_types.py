@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from types import MappingProxyType
 
-from planning.lego.bricks.assembly import BrickType
+from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType
 
 # Masses [kg] by studs. Those of 1x3, 2x3 and 2x8 are linear inter- or extrapolations of the others.
 _MASSES: dict[tuple[int, int], float] = {
@@ -38,3 +39,29 @@ BRICKS: Mapping[str, BrickType] = MappingProxyType(
     {brick.name: brick for brick in (*_BRICKS, *_PLATES)}
 )
 """Bricks by name, such as ``"2x4"``, and plates, such as ``"2x4-plate"``."""
+
+
+def brick_of_size(
+    studs: tuple[int, int], height: int, bare: frozenset[tuple[int, int]] = frozenset()
+) -> BrickType:
+    """Return the brick type of a size: that of the library, or one with a mass in proportion to its studs.
+
+    Args:
+        studs: along its x and y, the lesser number first.
+        height: without its studs [levels].
+        bare: studs without a knob; the name tells which have one, as bits.
+    """
+    x, y = studs
+    layers, rest = divmod(height, BRICK_LEVELS)
+    names = {1: f"{x}x{y}-plate", BRICK_LEVELS: f"{x}x{y}"}
+    name = names.get(height, f"{x}x{y}-{height}" if rest else f"{x}x{y}x{layers}")
+    if bare:
+        bits = "".join(str(int(at not in bare)) for at in product(range(x), range(y)))
+        name += f"-knobs-{int(bits, 2):x}"
+    if name in BRICKS:
+        return BRICKS[name]
+    if height == 1:
+        stud_mass = _PLATE_STUD_MASSES[min(x, 2)]
+    else:
+        stud_mass = _MASSES[min(x, 2), 8] / (min(x, 2) * 8) * height / BRICK_LEVELS
+    return BrickType(name, studs, round(stud_mass * x * y, 8), height, bare)

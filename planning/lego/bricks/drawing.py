@@ -135,7 +135,7 @@ def type_of_size(
     Square bricks are not turned.
     """
     nx, ny = size
-    bricks = [t for t in types.values() if t.height == BRICK_LEVELS]
+    bricks = [t for t in types.values() if t.height == BRICK_LEVELS and not t.bare]
     found = [t for t in bricks if tuple(sorted(t.studs)) == tuple(sorted(size))]
     if not found:
         sizes = {tuple(sorted(t.studs)) for t in bricks}

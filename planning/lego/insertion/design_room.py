@@ -197,7 +197,7 @@ class DesignRoom:
             if level >= 0:
                 found |= {
                     (x + dx, y + dy, level)
-                    for x, y in item.studs
+                    for x, y in (item.knobs if from_above else item.studs)
                     for dx, dy in _TIP_SHIFTS
                 }
         for (x, y, level), turn in product(sorted(found), ORIENTATIONS):

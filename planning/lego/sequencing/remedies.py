@@ -43,7 +43,7 @@ def supporting_columns(
     top = item.cell.level
     free = {(x, y) for x, y in item.studs if top > 0 and (x, y, top - 1) not in filled}
     heights: dict[tuple[tuple[int, int], bool], dict[int, BrickType]] = {}
-    for brick in types:
+    for brick in (item for item in types if not item.bare):
         for turned in (False, True) if brick.studs[0] != brick.studs[1] else (False,):
             size = brick.studs[::-1] if turned else brick.studs
             heights.setdefault((size, turned), {})[brick.height] = brick

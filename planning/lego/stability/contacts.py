@@ -109,7 +109,9 @@ def find_joints(
         for x, y in sorted(item.studs):
             if level == 0:
                 below[None].append((x, y))
-            elif (lower := filled.get((x, y, level - 1))) is not None:
+            elif (lower := filled.get((x, y, level - 1))) is not None and (
+                (x, y) in bricks[lower].knobs
+            ):
                 below[lower].append((x, y))
         out += [KnobJoint(k, name, tuple(v)) for k, v in below.items()]
     return tuple(out)

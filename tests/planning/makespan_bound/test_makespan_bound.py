@@ -12,14 +12,15 @@ from hypothesis import strategies as st
 import planning.makespan_bound.makespan_bound as module
 from planning.cell.motion_limits import MotionLimits
 from planning.makespan_bound.choice_times import NEVER, ChoiceTimes, least_seconds
-from planning.makespan_bound.makespan_bound import least_makespan
+from planning.makespan_bound.makespan_bound import PricedSchedules, raised_bound
 from planning.motion.speed import LimitedSpeed
 from planning.tasks.assignment import PrimaryCandidate, StepChoice
 from planning.transforms import Array
 from tests.shipped_runs import ShippedRuns
 
 ROBOTS = 3
-HOMES = {k: np.array([float(k)]) for k in range(ROBOTS)}
+HOMES = [np.array([float(k)]) for k in range(ROBOTS)]
+OBJECTS = "pqrst"
 
 xs = st.integers(0, 12).map(lambda n: 0.5 * n)
 
@@ -36,6 +37,7 @@ class Job:
     place_s: float
     helper: int | None
     stand: float
+    object: str
 
 
 @st.composite
@@ -47,14 +49,14 @@ def jobs(draw: st.DrawFn) -> list[Job]:
             helpers = st.sampled_from([k for k in range(ROBOTS) if k != robot])
             helper = draw(st.none() | helpers)
             pick, place, pick_s, place_s, stand = (draw(xs) for _ in range(5))
-            job = Job(step, robot, pick, place, pick_s, place_s, helper, stand)
-            out.append(job)
+            about = step, robot, pick, place, pick_s, place_s, helper, stand
+            out.append(Job(*about, draw(st.sampled_from(OBJECTS))))
     return out
 
 
 def _simulated(chosen: Sequence[Job]) -> float:
     """Return when all robots are back at HOME."""
-    at = {k: float(home[0]) for k, home in HOMES.items()}
+    at = {k: float(home[0]) for k, home in enumerate(HOMES)}
     clock = dict.fromkeys(at, 0.0)
     placed = 0.0
     for job in chosen:
@@ -83,7 +85,7 @@ def _times(job: Job) -> ChoiceTimes:
         start[job.helper] = end[job.helper] = job.stand
         matrix[1 + job.helper] = ready + job.place_s
     matrix[0] = matrix[1 + job.robot] = ready + job.place_s
-    choice = StepChoice(PrimaryCandidate(job.step, str(job.robot), "brick", 0, 0.0))
+    choice = StepChoice(PrimaryCandidate(job.step, str(job.robot), job.object, 0, 0.0))
     at = [{k: np.array([x]) for k, x in ends.items()} for ends in (start, end)]
     return ChoiceTimes(choice, matrix, *at)
 
@@ -92,14 +94,54 @@ def _seconds(_robot: int, apart: Array) -> Array:
     return np.asarray(np.abs(apart).sum(axis=-1))
 
 
-def _bound(found: list[Job]) -> float:
-    return least_makespan([_times(job) for job in found], HOMES, _seconds)
+def _schedules(found: list[Job]) -> PricedSchedules:
+    return PricedSchedules([_times(job) for job in found], HOMES, _seconds)
 
 
-def _makespans(found: list[Job]) -> list[float]:
+def _bound(found: list[Job], unlimited: str = OBJECTS) -> float:
+    return raised_bound(_schedules(found), frozenset(unlimited))
+
+
+def _makespans(found: list[Job], *, once: bool = False) -> list[float]:
     steps = sorted({job.step for job in found})
     every = product(*([job for job in found if job.step == s] for s in steps))
-    return [_simulated(chosen) for chosen in every]
+    return [
+        _simulated(chosen)
+        for chosen in every
+        if not once or len({job.object for job in chosen}) == len(chosen)
+    ]
+
+
+@given(jobs(), st.lists(st.floats(0.0, 9.0), min_size=5, max_size=5))
+@settings(max_examples=40, deadline=None)
+def test_a_bound_holds_for_all_prices(found: list[Job], prices: list[float]) -> None:
+    schedules, given_prices = _schedules(found), np.array(prices)
+    bound, uses = schedules.shortest(given_prices[: len(schedules.objects)], 2)
+    assert uses.sum() == len({job.step for job in found})
+    assert all(bound <= plan + 1e-6 for plan in _makespans(found, once=True))
+
+
+@given(jobs())
+@settings(max_examples=15, deadline=None)
+def test_prices_raise_the_bound_up_to_plans_that_use_objects_once(
+    found: list[Job],
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_ROUNDS", 9)
+        bound = _bound(found, unlimited="")
+    assert bound >= _bound(found) - 1e-6
+    assert all(bound <= plan + 1e-6 for plan in _makespans(found, once=True))
+
+
+def test_a_scarce_object_raises_the_bound() -> None:
+    # The object beside HOME can be used in one of the two steps only.
+    found = [
+        Job(step, 0, at, 0.0, 0.0, 1.0, None, 0.0, name)
+        for step in (1, 2)
+        for name, at in (("p", 0.0), ("q", 5.0))
+    ]
+    assert _bound(found) == pytest.approx(2.0)
+    assert 6.0 < _bound(found, unlimited="q") <= min(_makespans(found, once=True))
 
 
 @given(jobs())
@@ -114,7 +156,6 @@ def test_merged_labels_keep_the_bound_valid(found: list[Job]) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "_MOST_LABELS", 2)
         patch.setattr(module, "_MOST_ALIKE", 1)
-        patch.setattr(module, "_AT_ONCE", 2)
         bound = _bound(found)
     assert 0.0 <= bound <= min(_makespans(found)) + 1e-6
 

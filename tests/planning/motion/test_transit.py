@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.motion.composite import CompositeSpeed
 from planning.motion.speed import (
     JointSpeed,
     L1Speed,
@@ -18,6 +17,7 @@ from planning.motion.speed import (
 )
 from planning.motion.transit import RrtConnect, shortcut_polyline
 from planning.transforms import Array
+from scheduling.synchronous.composite import CompositeSpeed
 
 
 class _Discs:

@@ -27,7 +27,7 @@ from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.known_edges import connect_in_order
 from scheduling.ordering.relations import TaskRelations
 from scheduling.ordering.reordering import find_blocks, put_in_order, reorder_tasks
-from scheduling.ordering.synchronous import (
+from scheduling.synchronous.synchronous_plan import (
     SynchronousPlan,
     TaskConflicts,
     plan_synchronous,

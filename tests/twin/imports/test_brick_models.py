@@ -277,3 +277,195 @@ def test_a_plate_is_placed_where_the_wall_passes_a_brick(tmp_path: Path) -> None
     invoke("run", out, *options, code=0)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["outcome"] == "completed"
+
+
+UPRIGHT = "1 0 0 0 1 0 0 0 1"
+BLOCK = """0 FILE block.dat
+0 !LDRAW_ORG Unofficial_Part
+4 16 -20 0 -20 20 0 -20 20 24 -20 -20 24 -20
+4 16 -20 0 20 20 0 20 20 24 20 -20 24 20
+"""
+BESIDE = f"""0 FILE wall.ldr
+1 4 0 0 0 {UPRIGHT} 3001.dat
+1 4 0 -24 0 {UPRIGHT} 3001.dat
+1 2 60 0 0 {UPRIGHT} block.dat
+1 2 60 -24 0 {UPRIGHT} 3003.dat
+1 1 0 -32 0 {UPRIGHT} 3031.dat
+"""
+"""A wall beside an own part, with a brick on that part, and a plate of 4 x 4 studs on the wall."""
+
+
+def test_boxes_become_fixtures_and_new_sizes_types(tmp_path: Path) -> None:
+    result, out = imported(tmp_path, BESIDE + BLOCK, "--unknown", "box")
+    assert result.exit_code == 0, result.output
+    assert "boxes from the start: block.dat (1)" in result.output
+    assert "1 left out, joined to nothing" in result.output
+    assert "line 5 (2x2)" in result.output
+    scenario = load_scenario(out)
+    section = lego(out)
+    assert set(section.bricks) == {"4x4", "4x4-plate"}  # the plate, and its stand
+    (box,) = [f for f in scenario.cell.fixtures if f.name.startswith("obstacle")]
+    assert box.name == "obstacle_1_block"
+    assert box.size_m == pytest.approx((0.015, 0.015, 0.0086))
+    # The model covers 6 x 4 studs: the part is beside the middle two of them.
+    wall = next(b for b in build_structure(section) or () if b.cell.level == 0)
+    x = 0.44 + (wall.span.x1 + 1 - 24) * 0.008
+    y = ((wall.span.y0 + wall.span.y1) / 2 - 24) * 0.008
+    assert box.pose.xyz_m == pytest.approx((x, y, 1.1145 + 0.0048))
+    invoke("validate", out, code=0)
+    back = tmp_path / "back.ldr"
+    invoke("export", out, "--format", "ldraw", "-o", back, code=0)
+    assert back.read_text().count("3031.dat") == 1
+
+
+def test_boxes_stand_in_another_cell_too(tmp_path: Path) -> None:
+    """On a plate that is turned: the box is where the bricks of the model say."""
+    cell = yaml.safe_load((ROOT / "scenarios" / "lego" / "cliff.yaml").read_text())
+    pose = cell["assembly"]["plate"]["pose"]
+    pose["rpy_deg"] = [0, 0, 90]
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(cell))
+    text = "".join(BESIDE.splitlines(keepends=True)[:4]) + BLOCK
+    options = ("--unknown", "box", "--cell", tmp_path / "cell.yaml")
+    result, out = imported(tmp_path, text, *options)
+    assert result.exit_code == 0, result.output
+    section, scenario = lego(out), load_scenario(out)
+    plate = build_lego(section).plate
+    (box,) = [f for f in scenario.cell.fixtures if f.name.startswith("obstacle")]
+    assert box.pose.rpy_deg == pytest.approx((0, 0, 90))
+    wall = next(b for b in build_structure(section) or () if b.cell.level == 0)
+    nx, ny = plate.studs
+    local = ((wall.span.x1 + 1 - nx / 2) * 0.008, (wall.span.y0 + 1 - ny / 2) * 0.008)
+    expected = plate.pose @ [*local, 0.0048, 1.0]
+    assert box.pose.xyz_m == pytest.approx(tuple(expected[:3]))
+
+
+@pytest.mark.nightly
+def test_bricks_are_placed_beside_a_box(tmp_path: Path) -> None:
+    text = "".join(BESIDE.splitlines(keepends=True)[:4]) + BLOCK
+    _, out = imported(tmp_path, text, "--unknown", "box")
+    run = tmp_path / "run"
+    invoke("run", out, "--out", run, "--no-recording", code=0)
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert summary["audit"]["violations"] == []
+
+
+SLOPES = f"""0 FILE roof.ldr
+1 4 0 0 0 {UPRIGHT} 3001.dat
+1 4 0 0 80 {UPRIGHT} 3001.dat
+1 4 0 -24 10 {UPRIGHT} slope.dat
+1 4 0 -24 70 -1 0 0 0 1 0 0 0 -1 slope.dat
+1 4 0 -48 40 0 0 1 0 1 0 -1 0 0 3001.dat
+0 FILE slope.dat
+0 !LDRAW_ORG Unofficial_Part
+4 16 -40 0 10 40 0 10 40 24 10 -40 24 10
+4 16 -40 20 -30 40 20 -30 40 24 -30 -40 24 -30
+4 16 -40 0 10 -40 0 -10 -40 20 -30 -40 24 -30
+3 16 -40 0 10 -40 24 10 -40 24 -30
+4 16 40 0 10 40 0 -10 40 20 -30 40 24 -30
+3 16 40 0 10 40 24 10 40 24 -30
+1 16 -30 0 0 {UPRIGHT} stud.dat
+1 16 -10 0 0 {UPRIGHT} stud.dat
+1 16 10 0 0 {UPRIGHT} stud.dat
+1 16 30 0 0 {UPRIGHT} stud.dat
+"""
+"""Two slopes with a row of knobs each, a stud between their backs, and a brick on some of these knobs."""
+
+
+def test_slopes_become_types_with_bare_studs(tmp_path: Path) -> None:
+    result, out = imported(tmp_path, SLOPES)
+    assert result.exit_code == 0, result.output
+    types = lego(out).bricks
+    assert {k: v.studs for k, v in types.items()} == {
+        "2x4-knobs-f": (2, 4),
+        "2x4-knobs-f0": (2, 4),
+    }
+    rows = {tuple(x for x, _ in v.bare) for v in types.values()}
+    assert rows == {(0, 0, 0, 0), (1, 1, 1, 1)}
+    invoke("sequence", out, code=0)
+    result = invoke("export", out, "--format", "ldraw", "-o", tmp_path / "a.ldr")
+    assert result.exit_code == 2
+    assert "no part that is known here for 2x4-knobs-f" in result.output
+    # A step may not hold a slope where it has no knobs, and a type needs a grip.
+    content = yaml.safe_load(out.read_text())
+    slope = next(
+        b for b in content["assembly"]["structure"]["bricks"] if "f0" in b["brick"]
+    )
+    floor = {"brick": "2x4", "at": [*slope["at"][:2], 1], "turned": True}
+    press = {"side": 4, "offset": 0}
+    del content["assembly"]["structure"], slope["colour"]
+    content["assembly"]["steps"] = [floor, {**slope, "press": press}]
+    out.write_text(yaml.safe_dump(content))
+    refused = invoke("validate", out)
+    assert refused.exit_code == 2
+    assert "a 2x4-knobs-f0 has no knobs there" in refused.output
+    press["side"] = 1
+    out.write_text(yaml.safe_dump(content))
+    invoke("validate", out, code=0)
+    bare = content["assembly"]["bricks"]["2x4-knobs-f"]["bare"]
+    bare += [[1, 1], [1, 3]]
+    out.write_text(yaml.safe_dump(content))
+    assert "no two knobs at an edge" in invoke("validate", out).output
+    bare[-1] = [2, 3]
+    out.write_text(yaml.safe_dump(content))
+    assert "beyond 2 x 4" in invoke("validate", out).output
+
+
+@pytest.mark.nightly
+def test_slopes_are_held_by_their_knobs(tmp_path: Path) -> None:
+    _, out = imported(tmp_path, SLOPES)
+    run = tmp_path / "run"
+    invoke("run", out, "--out", run, "--no-recording", code=0)
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert summary["audit"]["violations"] == []
+
+
+GOOD = f"1 4 0 0 0 {UPRIGHT} 3001.dat\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        (GOOD + "1 4 0 0 0 1 0 0 0 1 0 0 3001.dat\n", ":2: a part has 15 values"),
+        (GOOD + GOOD.replace(" 0 0 0", " 0 0 0x10", 1), ":2: '0x10' is no number"),
+        (GOOD + GOOD.replace("1 4", "1 4.5"), ":2: '4.5' is no colour"),
+        (GOOD + "6 4 0 0 0\n", ":2: '6 4 0 0 0' is no line of LDraw"),
+        (GOOD + "0 " + "x" * 20_000 + "\n", ":2: a line of 20002 characters"),
+        (
+            "0 FILE a.ldr\n" + GOOD + GOOD.replace("3001.dat", "a.ldr"),
+            ":3: models within models",
+        ),
+        ("0 FILE a.ldr\n" + GOOD + "0 FILE A.LDR\n", ":3: a model before it"),
+        (GOOD + GOOD.replace("3001", "../../etc/x"), ":2: '../../etc/x.dat' is no"),
+        (
+            GOOD + GOOD.replace("3001", "block") + "0 FILE block.dat\n3 16 0 0 1\n",
+            "m.ldr:4: a face of 3 corners lacks some",
+        ),
+        (
+            "0 FILE a.ldr\n"
+            + GOOD
+            + GOOD.replace("3001", "block")
+            + "0 FILE block.dat\n3 16 0 0 1e9 1 1 1 2 2 2\n",
+            "m.ldr:5: 1e9 is no length",
+        ),
+    ],
+)
+def test_malformed_models_are_refused_by_line(
+    text: str, place: str, tmp_path: Path
+) -> None:
+    (tmp_path / "m.ldr").write_text(text)
+    result = invoke(
+        "import", "ldraw", tmp_path / "m.ldr", "-o", tmp_path / "a.yaml", code=2
+    )
+    assert f"m.ldr{place.removeprefix('m.ldr')}" in result.output
+    assert not (tmp_path / "a.yaml").exists()
+
+
+def test_options_of_the_import_are_checked(tmp_path: Path) -> None:
+    result, _ = imported(tmp_path, MIXED, "--unknown", "maybe")
+    assert result.exit_code == 2
+    assert "refuse, box, leave-out" in result.output
+    result, _ = imported(tmp_path, MIXED, "--parts", tmp_path)
+    assert result.exit_code == 2
+    assert "no parts library of LDraw" in result.output

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,8 +20,12 @@ from planning.lego.skills.candidates import (
 from planning.parts.candidates import LazyCandidates
 from planning.parts.candidates import find_candidates as find_parts
 from planning.tasks.assignment import AssignmentProblem
+from planning.transforms import Indices
+from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.temporal_plan_graph import Causes, TemporalPlanGraph
 from scheduling.invariant import check_invariant
+from scheduling.rolling import extension
 from tests.twin.operations.operated import (
     STACK,
     lost,
@@ -86,6 +91,31 @@ def test_every_step_is_done_once_whatever_the_window(
     if not chance:
         assert done.record.outcome == "completed"
         require_safe(done.tpg)
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.nightly)])
+def test_executed_nodes_are_searched_once(
+    planned: Planned, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """A search of all nodes finds the same graph."""
+    extended, skipped = 0, 0
+
+    def compared(
+        nodes: DerivedTpg, known: tuple[Indices, Causes], searched: Sequence[int]
+    ) -> TemporalPlanGraph:
+        nonlocal extended, skipped
+        found = connect_nodes(nodes, known, searched)
+        slow = connect_nodes(DerivedTpg(nodes.tpg), known)
+        assert np.array_equal(found.edges, slow.edges)
+        assert np.array_equal(found.cause, slow.cause)
+        extended, skipped = extended + 1, skipped + sum(searched)
+        return found
+
+    monkeypatch.setattr(extension, "connect_nodes", compared)
+    done, _ = operated(planned(2, 0), seed, **lost(0.25))
+    require_safe(done.tpg)
+    assert extended > 1
+    assert skipped > 0
 
 
 def test_nothing_is_put_where_it_would_rest_on_a_step_that_is_given_up(

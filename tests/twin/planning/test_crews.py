@@ -77,7 +77,7 @@ def first(scenario: Scenario) -> PlannedMotions:
 @pytest.fixture(scope="module")
 def plain(scenario: Scenario) -> PlanResult:
     """Return the plan that nothing improves."""
-    return plan_scenario(scenario)
+    return plan_scenario(scenario, bound=True)
 
 
 def _rater(first: PlannedMotions, *, shortcuts: bool) -> PlanRater:

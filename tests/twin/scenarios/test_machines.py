@@ -271,7 +271,7 @@ def one_product(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     """One robot after the other around one machine: everything is in one line."""
     folder = tmp_path_factory.mktemp("one")
     own = scenario(folder, products={"count": 1}, steps=STEPS[:3], processes=MILLING)
-    return plan_scenario(own, folder)
+    return plan_scenario(own, folder, bound=True)
 
 
 def test_a_breakdown_lengthens_as_by_hand(one_product: PlanResult) -> None:

@@ -95,11 +95,31 @@ def import_ldraw(
     ],
     output: Output,
     cell: CellOf = None,
+    parts: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Parts library of LDraw, with the folders parts and p: sizes of parts that are"
+            " not among the known bricks.",
+        ),
+    ] = None,
+    unknown: Annotated[
+        str,
+        typer.Option(
+            help="Parts that no tool places: refuse; box, an obstacle in its place from the"
+            " start; or leave-out, with the bricks that nothing else holds."
+        ),
+    ] = "refuse",
 ) -> None:
     """Create a scenario from an LDraw model, as LeoCAD, Studio and others write them."""
-    from planning.lego.importers.brick_models.ldraw import read_ldraw
+    from planning.lego.importers.brick_models.ldraw import Unknown, read_ldraw
 
-    _write(file, read_ldraw(file), output, cell)
+    choices: tuple[Unknown, ...] = get_args(Unknown)
+    chosen = [own for own in choices if own == unknown]
+    if not chosen:
+        raise RequestError(f"--unknown {unknown}", choices=choices)
+    model = read_ldraw(file, library=parts, unknown=chosen[0])
+    _write(file, model, output, cell)
 
 
 def import_task(
@@ -236,7 +256,12 @@ def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> No
 def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     """Return the content of a scenario with the model in the cell of another scenario."""
     from planning.files import read_file
-    from planning.lego.importers.brick_models.cell import free_corner, structure_content
+    from planning.lego.importers.brick_models.cell import (
+        free_corner,
+        obstacle_fixtures,
+        own_types,
+        structure_content,
+    )
     from twin.document.yaml_text import read_yaml
     from twin.kinds.lego.kind import build_lego
     from twin.kinds.lego.section import LegoSection
@@ -257,7 +282,16 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     old = data["assembly"]
     kept = {key: old[key] for key in _STOCK_KEYS if key in old}
     new = {"kind": "lego", **kept, "structure": structure_content(model, corner)}
+    own = own_types(model).get("bricks", {})
+    if own:
+        theirs = kept.get("bricks", {})
+        other = [name for name in own if name in theirs and theirs[name] != own[name]]
+        if other:
+            raise ScenarioError(f"{path}: other types are called {', '.join(other)}")
+        new["bricks"] = {**own, **theirs}
     content: dict[str, Any] = {"cell": data["cell"], "assembly": new}
+    if boxes := obstacle_fixtures(model, corner, assembly.plate):
+        content["cell"]["fixtures"] = [*content["cell"].get("fixtures", ()), *boxes]
     for robot in content["cell"]["robots"]:
         _relocate_path(robot, path.parent, output.parent)
     return content

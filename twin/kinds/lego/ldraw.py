@@ -24,7 +24,8 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.brick_world import brick_colour, stock_objects
 from planning.lego.bricks.grid import box_pose, box_size
-from planning.lego.importers.brick_models.ldraw_files import STUD, part_number
+from planning.lego.importers.brick_models.ldraw_files import part_number
+from planning.lego.importers.brick_models.part_shape import STUD
 from planning.transforms import Transform, inverse
 from twin.kinds.lego.section import LegoSection, brick_types
 from twin.scenario.sections.scenario import Scenario
@@ -179,7 +180,7 @@ def _scaffold(
 def _line(brick: ShownBrick) -> str:
     """Return the line of a part: its origin is in the middle of its top, its y points down."""
     kind = brick.kind
-    number = part_number(kind.studs, kind.height)
+    number = None if kind.bare else part_number(kind.studs, kind.height)
     if number is None:
         form = (
             f"{kind.studs[0]} x {kind.studs[1]} studs, {kind.height}/3 of a brick high"

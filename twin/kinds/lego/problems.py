@@ -8,7 +8,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
-from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
+from planning.lego.bricks.assembly import (
+    BRICK_LEVELS,
+    BrickType,
+    GridPlace,
+    Press,
+)
+from planning.lego.bricks.brick_grips import has_knobs
 from planning.lego.bricks.grid import bricks_joined_to_plate
 from planning.lego.skills.support_targets import supported_span
 from twin.document.validation import Problems, check_known_name, unknown_name
@@ -108,6 +114,9 @@ def _check_step(
         if step.press.offset > most:
             text = f"the edge has {along} studs: an offset of at most {most} fits"
             yield (*at, "press", "offset"), text
+        elif not has_knobs(brick, Press(step.press.side, step.press.offset)):
+            text = f"a {brick.name} has no knobs there for the tool to hold"
+            yield (*at, "press"), text
     if step.place == "up" and step.support is None:
         yield at, "a brick placed from below needs 'support'"
     if step.support is not None:

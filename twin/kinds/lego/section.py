@@ -15,6 +15,7 @@ from planning.lego.bricks.assembly import (
     PlacedBrick,
     Support,
 )
+from planning.lego.bricks.brick_grips import legal_presses
 from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.insertion.rules import SequencingRules
 from twin.document.section import Name, PairOf, Section, Several
@@ -50,11 +51,26 @@ class BrickSection(Section):
         studs: along its own x and y.
         mass_kg: its mass.
         height: without its studs, in thirds of a brick: 3 for a brick, 1 for a plate.
+        bare: studs without a knob on top, as of a slope: x and y in the brick's own axes, from 0.
     """
 
     studs: Studs
     mass_kg: Annotated[float, Field(gt=0, le=1000)]
     height: Annotated[int, Field(ge=1, le=30)] = BRICK_LEVELS
+    bare: tuple[PairOf[Annotated[int, Field(ge=0, le=999)]], ...] = ()
+
+    @model_validator(mode="after")
+    def _has_a_grip(self) -> BrickSection:
+        own = to_planning_class(BrickType, self, name="", bare=frozenset(self.bare))
+        if any(x >= self.studs[0] or y >= self.studs[1] for x, y in self.bare):
+            raise ValueError(
+                f"'bare' has a stud beyond {self.studs[0]} x {self.studs[1]}"
+            )
+        if not legal_presses(own):
+            raise ValueError(
+                "'bare' leaves no two knobs at an edge for the tool to hold"
+            )
+        return self
 
 
 class StockSection(Section):
@@ -273,7 +289,13 @@ class LegoSection(AssemblySection):
 def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
     """Return the brick types by name: the library, then those of the scenario."""
     own = assembly.bricks.items()
-    return {**BRICKS, **{k: to_planning_class(BrickType, v, name=k) for k, v in own}}
+    return {
+        **BRICKS,
+        **{
+            k: to_planning_class(BrickType, v, name=k, bare=frozenset(v.bare))
+            for k, v in own
+        },
+    }
 
 
 def brick_cell(item: StockSection | BrickStepSection | StructureBrickSection) -> Cell:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -9,12 +10,17 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from planning.cell.workcell import Clearances, PlacedRobot, Workcell
+from planning.cell.shape import box_shape
+from planning.cell.workcell import Clearances, Fixture, PlacedRobot, Workcell
 from planning.errors import ScenarioError
 from planning.handling.skill_targets import skill_postures
 from planning.handling.skill_trial import ResolvedSkill
 from planning.lego.bricks.assembly import (
+    BRICK_LEVELS,
+    LAYER_HEIGHT,
+    STUD_PITCH,
     BrickType,
     Cell,
     GridSpan,
@@ -25,6 +31,7 @@ from planning.lego.bricks.assembly import (
     StockBrick,
 )
 from planning.lego.bricks.brick_grips import legal_presses
+from planning.lego.bricks.brick_types import BRICKS, brick_of_size
 from planning.lego.bricks.brick_world import (
     BrickWorld,
     brick_colour,
@@ -32,14 +39,14 @@ from planning.lego.bricks.brick_world import (
     plate_fixture,
     stock_objects,
 )
-from planning.lego.bricks.grid import top_pose
+from planning.lego.bricks.grid import plate_corner, top_pose
 from planning.lego.importers.brick_models.model import BrickModel, ModelBrick
 from planning.lego.skills.brick_contacts import lever_reaches_below
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.targets import DEFAULT_TWIST, BrickGrip, pick_targets
 from planning.robots.registry import robot_model
 from planning.steps.skill import SkillPath
-from planning.transforms import from_rpy, translation
+from planning.transforms import Transform, from_rpy, translation
 
 APART = 2
 """Distance between two stations [studs]."""
@@ -52,6 +59,10 @@ STUDS = 48
 
 _WIDER = (56, 64)
 """Studs along x of the plates for models that would stand in the way of picks at their stations."""
+
+_GRID = np.array([STUD_PITCH, STUD_PITCH, LAYER_HEIGHT / BRICK_LEVELS])
+_GAP, _THINNEST = 0.001, 0.0002
+"""Difference of an obstacle's size to that of its part, for bricks to come down beside it, and its least size [m]."""
 
 _MODEL = "gp4"
 _BASE_Z = 0.9246
@@ -136,7 +147,8 @@ def _places(
     room = (wide - structure.x1 if far else structure.x0) - AWAY - nx
     rows = sorted(range(APART, deep - ny - APART + 1), key=lambda y: abs(y - middle))
     raised = lever_reaches_below(kind)
-    z, stand = (2, f"{nx}x{ny}") if raised else (1, None)
+    stand = brick_of_size(kind.studs, BRICK_LEVELS).name if raised else None
+    z = 2 if raised else 1
     for x in range(APART, room + 1):
         for y in rows:
             at = (wide - x - nx, deep - y - ny) if far else (x, y)
@@ -165,6 +177,7 @@ class Finished:
         robots: of the cell.
         plate: of the model.
         structure: the bricks of the model in their places.
+        obstacles: what stands among them.
     """
 
     def __init__(
@@ -172,8 +185,10 @@ class Finished:
         robots: tuple[PlacedRobot, ...],
         plate: Plate,
         structure: Sequence[LegoStep],
+        obstacles: Sequence[Fixture] = (),
     ) -> None:
         self._robots, self._plate = robots, plate
+        self._obstacles = tuple(obstacles)
         self._steps = tuple(structure)
         self._twist = dict(DEFAULT_TWIST)
 
@@ -182,7 +197,8 @@ class Finished:
         stock = (StockBrick("station", station.brick, station.cell, station=True),)
         assembly = LegoAssembly(self._plate, stock, self._steps, self._twist)
         objects, plate = stock_objects(assembly), plate_fixture(self._plate)
-        cell = Workcell(self._robots, (plate,), objects, Clearances())
+        fixtures = plate, *self._obstacles
+        cell = Workcell(self._robots, fixtures, objects, Clearances())
         skills = BrickSkills(BrickWorld(cell, assembly))
         for press in legal_presses(station.brick):
             found = skills.pick(robot, "station", grasp_number(press))
@@ -234,7 +250,17 @@ def _content(
         )
         for i in model.bricks
     ]
-    finished, stock = Finished(robots, plate, placed), list[dict[str, Any]]()
+    boxes = obstacle_fixtures(model, corner, plate)
+    standing = [
+        Fixture(
+            item["name"],
+            box_shape(item["name"], np.array(item["size_m"])),
+            translation(*item["pose"]["xyz_m"]),
+        )
+        for item in boxes
+    ]
+    finished = Finished(robots, plate, placed, standing)
+    stock = list[dict[str, Any]]()
     for robot, (name, x, _) in zip(robots, _ROBOTS, strict=True):
         stays_free = partial(finished.stays_free, name) if free else lambda _: True
         kinds = list(model.kinds)
@@ -251,11 +277,12 @@ def _content(
         for name, x, yaw in _ROBOTS
     ]
     return {
-        "cell": {"robots": listed, "fixtures": [_TABLE]},
+        "cell": {"robots": listed, "fixtures": [_TABLE, *boxes]},
         "assembly": {
             "kind": "lego",
             "plate": {"pose": {"xyz_m": list(_PLATE)}, "studs": [studs, STUDS]},
             "structure": structure_content(model, corner),
+            **own_types(model),
             "stock": stock,
         },
     }
@@ -291,6 +318,62 @@ def structure_content(model: BrickModel, corner: tuple[int, int]) -> dict[str, A
     return {"bricks": bricks}
 
 
+def own_types(model: BrickModel) -> dict[str, Any]:
+    """Return the section of the brick types that only the scenario has, and their stands; nothing where there are none."""
+    kinds = set(model.kinds)
+    kinds |= {
+        brick_of_size(kind.studs, BRICK_LEVELS)
+        for kind in kinds
+        if lever_reaches_below(kind)
+    }
+    own = {
+        kind.name: {
+            "studs": list(kind.studs),
+            "mass_kg": kind.mass,
+            "height": kind.height,
+            **({"bare": sorted(map(list, kind.bare))} if kind.bare else {}),
+        }
+        for kind in sorted(kinds, key=lambda kind: kind.name)
+        if kind.name not in BRICKS
+    }
+    return {"bricks": own} if own else {}
+
+
+def obstacle_fixtures(
+    model: BrickModel, corner: tuple[int, int], plate: Plate
+) -> list[dict[str, Any]]:
+    """Return the obstacles of a model as fixtures of a scenario.
+
+    Args:
+        model: its bricks and obstacles.
+        corner: stud of the plate at its least corner.
+        plate: that it stands on.
+    """
+    fixtures = []
+    for number, item in enumerate(model.obstacles, start=1):
+        low, high = np.array(item.low), np.array(item.high)
+        size = np.maximum((high - low) * _GRID - _GAP, _THINNEST)
+        middle = ((low + high) / 2 + [*corner, 0]) * _GRID
+        pose = plate_corner(plate) @ translation(*middle)
+        stem = re.sub(r"[^A-Za-z0-9]", "_", item.name.removesuffix(".dat"))[:40]
+        fixtures.append(
+            {
+                "name": f"obstacle_{number}_{stem}",
+                "size_m": [round(v, 6) for v in size.tolist()],
+                "pose": _pose_content(pose),
+            }
+        )
+    return fixtures
+
+
+def _pose_content(pose: Transform) -> dict[str, Any]:
+    """Return a pose as a scenario file writes it, without angles where it is not turned."""
+    xyz = [round(v, 6) + 0.0 for v in pose[:3, 3].tolist()]
+    turn = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+    rpy = [round(v, 6) + 0.0 for v in turn.tolist()]
+    return {"xyz_m": xyz, **({"rpy_deg": rpy} if any(rpy) else {})}
+
+
 def _colour(item: ModelBrick) -> dict[str, Any]:
     """Return the colour of a brick where it is not the default of its type."""
     if item.colour is None or item.colour == brick_colour(item.brick):
@@ -307,18 +390,18 @@ def free_corner(
         ScenarioError: it fits nowhere; names the obstacle in the middle.
     """
     wide, deep, _ = model.size
-    covered = frozenset().union(*(item.studs for item in model.bricks))
     middle = (studs[0] - wide) // 2, (studs[1] - deep) // 2
     corners = [
         (x, y) for x in range(studs[0] - wide + 1) for y in range(studs[1] - deep + 1)
     ]
+    size = f"the model covers {wide} x {deep} studs"
+    if not corners:
+        raise ScenarioError(f"{size}, the plate has {studs[0]} x {studs[1]}")
+    covered = model.studs
     corners.sort(key=lambda c: (abs(c[0] - middle[0]) + abs(c[1] - middle[1]), c))
     for x, y in corners:
         if not any((x + i, y + j) in taken for i, j in covered):
             return x, y
-    size = f"the model covers {wide} x {deep} studs"
-    if not corners:
-        raise ScenarioError(f"{size}, the plate has {studs[0]} x {studs[1]}")
     names = {
         taken[place]
         for i, j in covered

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from planning.errors import ScenarioError, format_names
-from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.assembly import Cell
 from planning.lego.importers.brick_models.ldraw_files import (
     INHERITED,
-    LEVEL,
-    STUD,
+    Colour,
     Document,
     Reference,
     brick_type_of_file,
@@ -34,8 +34,16 @@ from planning.lego.importers.brick_models.model import (
     BrickModel,
     FileFaults,
     ModelBrick,
+    Obstacle,
     finish_model,
+    finish_partial_model,
     read_lines,
+)
+from planning.lego.importers.brick_models.part_library import PartLibrary
+from planning.lego.importers.brick_models.part_shape import (
+    LEVEL,
+    STUD,
+    PartShape,
 )
 from planning.transforms import Array
 
@@ -45,54 +53,163 @@ _ROUND = 0.01
 _OFF = 0.5
 """How far a part may be from the grid of the others, a fifth of a millimetre [LDraw units]."""
 
+_UNIT = np.array([STUD, STUD, LEVEL], dtype=np.float64)
+
+_MOST_FRAMES = 3
+"""Rotations that are tried as the one of the whole model."""
+
+_MOST_NAMES = 200
+"""Files of parts that are listed."""
+
 _DEEPEST = 50
 """Models within models."""
 
 _MOST_REFERENCES = 4 * MOST_BRICKS
 """Parts and models that are looked at."""
 
+_LARGEST_BOX = 400
+"""Greatest extent of an obstacle [studs or levels]."""
 
-def read_ldraw(path: Path) -> BrickModel:
+Unknown = Literal["refuse", "box", "leave-out"]
+"""What becomes of parts that are not placed as bricks."""
+
+Fault = tuple[Reference, str]
+"""A part, and what is wrong with it."""
+
+
+def read_ldraw(
+    path: Path, *, library: Path | None = None, unknown: Unknown = "refuse"
+) -> BrickModel:
     """Read a model of LDraw, ``.ldr`` or ``.mpd``, moved to the corner of the grid and its plate.
 
+    Args:
+        path: the model.
+        library: folder of a parts library, with ``parts`` and ``p``.
+        unknown: what becomes of parts that are no bricks, do not stand upright, or are not on the
+            grid of the others: they are refused, obstacles of their size, or left out; in the last
+            two cases also the bricks that nothing else holds are left out.
+
     Raises:
-        ScenarioError: lines are no LDraw; parts are no bricks or plates, do not stand upright, or
-            are not on one grid, each by its line; or see ``finish_model``.
+        ScenarioError: lines are no LDraw; the library is none; parts are no bricks or plates, do
+            not stand upright, or are not on one grid, each by its line; an obstacle has no size;
+            or see ``finish_model``.
     """
     document = read_document(path, read_lines(path))
+    source = PartLibrary(library, path, document.parts)
+    document.colours = {**source.colours(), **document.colours}
     every = _parts(path, document)
     parts = [part for part in every if not is_baseplate(part.name)]
     if not parts:
         raise ScenarioError(f"{path}: there are no bricks in it (lines of type 1)")
-    kinds = _kinds(path, parts)
-    # Parts are drawn along x, the types of bricks are given along y.
-    turns = [
-        quarter % 2 == 0 and kind.studs[0] != kind.studs[1]
-        for quarter, kind in zip(_quarters(path, parts), kinds, strict=True)
+    found = {part.name: source.shape(part.name) for part in parts}
+    shapes = {k: own for k, own in found.items() if isinstance(own, PartShape)}
+    reasons = {k: own for k, own in found.items() if isinstance(own, str)}
+    reasons |= {k: own.reason for k, own in shapes.items() if own.reason}
+    frame = _frame([part for part in parts if part.name not in reasons])
+    parts = [replace(part, pose=frame.T @ part.pose) for part in parts]
+    unfit = [
+        (part, f"{part.name[:60]!r} is no brick or plate: {reasons[part.name]}")
+        for part in parts
+        if part.name in reasons
     ]
-    corners = np.array(
-        [_corner(*item) for item in zip(parts, kinds, turns, strict=True)]
-    )
-    cells = _cells(path, parts, corners)
+    if unfit and unknown == "refuse":
+        raise _unknown_parts(path, unfit, with_library=library is not None)
+    placed = [part for part in parts if part.name not in reasons]
+    tilted = [(part, fault) for part in placed if (fault := _tilt(part))]
+    if len(tilted) == len(placed) or unknown == "refuse":
+        _check(path, tilted or unfit, "no part of the model stands as a brick")
+    placed = _others(placed, tilted)
+    boxes = np.array([_box(part, shapes[part.name]) for part in placed])
+    origin, away = _grid(boxes[:, 0])
+    apart = zip(placed, away, strict=True)
+    off = [(part, fault) for part, own in apart if (fault := _distance(part, own))]
+    fits = len(placed) - len(off)
+    if unknown == "refuse":
+        _check(path, off, f"{fits} of {len(placed)} parts are on one grid of studs")
     bricks = [
-        ModelBrick(
-            kind,
-            Cell.at_level(x, y, level, turned=turned),
-            part.source,
-            None
-            if part.colour in INHERITED
-            else colour_of(part.colour, document.colours),
-        )
-        for part, kind, turned, (x, y, level) in zip(
-            parts, kinds, turns, cells, strict=True
-        )
+        _brick(part, shapes[part.name], (box - origin) / _UNIT, document.colours)
+        for part, box, distance in zip(placed, boxes, away, strict=True)
+        if not _distance(part, distance)
     ]
-    notes = list(_notes(document, parts))
+    notes = list(_notes(document, placed))
+    if not np.array_equal(frame, np.eye(4)):
+        notes.append("the model stands upright, not turned as in its file")
     if len(parts) < len(every):
         notes.append(
             "base plates are left out: the model stands on the plate of its cell"
         )
-    return finish_model(path, bricks, notes)
+    if unknown == "refuse":
+        return finish_model(path, bricks, notes)
+    others = [part for part, _ in (*unfit, *tilted, *off)]
+    how = "left out" if unknown == "leave-out" else "boxes from the start"
+    if unfit:
+        notes.append(f"no bricks, {how}: {_counted([part for part, _ in unfit])}")
+    if askew := [f"{p.source} ({p.name})" for p, _ in (*tilted, *off)]:
+        notes.append(
+            f"not upright or off the grid, {how}: {format_names(askew, _MOST_NAMES)}"
+        )
+    obstacles = _obstacles(path, others, found, origin) if unknown == "box" else ()
+    return finish_partial_model(path, bricks, obstacles, notes)
+
+
+def _others(parts: Sequence[Reference], faults: Sequence[Fault]) -> list[Reference]:
+    """Return the parts without those that have a fault."""
+    known = {id(part) for part, _ in faults}
+    return [part for part in parts if id(part) not in known]
+
+
+def _unknown_parts(
+    path: Path, faults: Sequence[Fault], *, with_library: bool
+) -> ScenarioError:
+    """Return the error of parts that are no bricks, with their numbers and what can be done."""
+    lines = FileFaults(path)
+    first = {part.name: (part, fault) for part, fault in reversed(faults)}
+    for part, fault in first.values():
+        lines.add(part.line, fault)
+    library = "" if with_library else "--parts DIR reads sizes from a parts library; "
+    return lines.error(
+        choices=format_part_table(),
+        form=f"{len(faults)} parts: {_counted([part for part, _ in faults])}\n{library}"
+        "--unknown box lets boxes stand in their places from the start,"
+        " --unknown leave-out leaves them out, and what only they hold",
+    )
+
+
+def _counted(parts: Sequence[Reference]) -> str:
+    """Return the files of parts with their numbers, such as ``"3039.dat (12), 3062b.dat (1)"``."""
+    counts = Counter(part.name[:60] for part in parts).most_common()
+    return format_names([f"{name} ({n})" for name, n in counts], _MOST_NAMES)
+
+
+def _check(path: Path, faults: Sequence[Fault], form: str) -> None:
+    """Raise an error where parts have faults."""
+    lines = FileFaults(path)
+    for part, fault in faults:
+        lines.add(part.line, fault)
+    lines.check(form=form)
+
+
+def _obstacles(
+    path: Path,
+    parts: Sequence[Reference],
+    shapes: Mapping[str, PartShape | str],
+    origin: Array,
+) -> list[Obstacle]:
+    """Return the boxes of parts that are not placed, in studs and levels of a grid."""
+    faults, out = list[Fault](), list[Obstacle]()
+    for part in parts:
+        shape = shapes[part.name]
+        if isinstance(shape, str):
+            faults.append((part, f"{part.name[:60]!r} has no size for a box: {shape}"))
+            continue
+        low, high = (_box(part, shape) - origin) / _UNIT
+        if (high - low).max() > _LARGEST_BOX:
+            what = f"{part.words} is larger than {_LARGEST_BOX} studs"
+            faults.append((part, what))
+        ends = tuple(low.tolist()), tuple(high.tolist())
+        out.append(Obstacle(part.name, part.source, *ends))
+    _check(path, faults, "--parts DIR gives sizes; --unknown leave-out takes none")
+    return out
 
 
 def _parts(path: Path, document: Document) -> list[Reference]:
@@ -130,41 +247,41 @@ def _parts(path: Path, document: Document) -> list[Reference]:
     return out
 
 
-def _kinds(path: Path, parts: Sequence[Reference]) -> list[BrickType]:
-    """Return the brick type of each part."""
-    faults, seen, kinds = FileFaults(path), set[tuple[int, str]](), []
-    for part in parts:
-        kind = brick_type_of_file(part.name)
-        if kind is not None:
-            kinds.append(kind)
-        elif (part.line, part.name) not in seen:
-            seen.add((part.line, part.name))
-            faults.add(
-                part.line, f"{part.name[:60]!r} is no brick or plate that is known here"
-            )
-    faults.check(choices=format_part_table())
-    return kinds
+def _frame(parts: Sequence[Reference]) -> Array:
+    """Return the rotation that bricks have in common, shape (4, 4), where most do not stand upright without it.
+
+    Showpieces are turned as a whole. A single brick is as its file says.
+    """
+    frame, turns = np.eye(4), [part.pose[:3, :3] for part in parts]
+    most = max(sum(_is_upright(turn) for turn in turns), len(turns) // 2, 1)
+    common = Counter(tuple(np.round(turn, 3).ravel().tolist()) for turn in turns)
+    for rounded, _ in common.most_common(_MOST_FRAMES):
+        turn = next(t for t in turns if np.allclose(t.ravel(), rounded, atol=_ROUND))
+        if np.allclose(turn @ turn.T, np.eye(3), atol=_ROUND):
+            count = sum(_is_upright(turn.T @ other) for other in turns)
+            if count > most:
+                most, frame[:3, :3] = count, turn
+    return frame
 
 
-def _quarters(path: Path, parts: Sequence[Reference]) -> list[int]:
-    """Return the number of quarter turns about the vertical of each part."""
-    faults, quarters = FileFaults(path), []
-    for part in parts:
-        found = _quarter(part.pose[:3, :3])
-        if isinstance(found, str):
-            faults.add(part.line, f"{part.words} is {found}; bricks stand upright")
-        else:
-            quarters.append(found)
-    faults.check()
-    return quarters
+def _is_upright(turn: Array) -> bool:
+    return isinstance(_quarter(turn), int)
+
+
+def _tilt(part: Reference) -> str:
+    """Return how a part does not stand upright; nothing where it does."""
+    found = _quarter(part.pose[:3, :3])
+    return (
+        f"{part.words} is {found}; bricks stand upright"
+        if isinstance(found, str)
+        else ""
+    )
 
 
 def _quarter(turn: Array) -> int | str:
     """Return a rotation as quarter turns about y, or a description of it where it is none."""
     if not np.allclose(turn @ turn.T, np.eye(3), atol=2 * _ROUND):
         return "scaled or sheared"
-    if np.linalg.det(turn) < 0.0:
-        return "mirrored"
     up = float(turn[1, 1])
     if up < _ROUND - 1.0:
         return "upside down"
@@ -179,55 +296,54 @@ def _quarter(turn: Array) -> int | str:
     return quarter % 4
 
 
-def _corner(
-    part: Reference, kind: BrickType, turned: bool
-) -> tuple[float, float, float]:
-    """Return the least x and y of a part, and the height of its bottom [LDraw units]."""
-    nx, ny = kind.studs[::-1] if turned else kind.studs
-    x, down, z = part.pose[:3, 3]
-    return x - nx * STUD / 2, z - ny * STUD / 2, -down - kind.height * LEVEL
+def _box(part: Reference, shape: PartShape) -> Array:
+    """Return the least and the greatest x, y and height of a part, shape (2, 3) [LDraw units]."""
+    low, high = shape.placed(part.pose)
+    return np.array([[low[0], low[2], -high[1]], [high[0], high[2], -low[1]]])
 
 
-def _cells(path: Path, parts: Sequence[Reference], corners: Array) -> list[list[int]]:
-    """Return stud and level of each corner, on the grid that most of them share.
+def _brick(
+    part: Reference, shape: PartShape, box: Array, colours: Mapping[int, Colour]
+) -> ModelBrick:
+    """Return a part as a brick, given its box in studs and levels."""
+    low = np.round(box[0]).astype(int).tolist()
+    kind, turned = shape.brick(part.pose)
+    colour = None if part.colour in INHERITED else colour_of(part.colour, colours)
+    cell = Cell.at_level(*low, turned=turned)
+    return ModelBrick(kind, cell, part.source, colour)
 
-    Raises:
-        ScenarioError: some are not on it; names them, and by how much.
-    """
-    unit = np.array([STUD, STUD, LEVEL], dtype=np.float64)
+
+def _grid(corners: Array) -> tuple[Array, Array]:
+    """Return the grid that most corners are on, as one of its points, and their distances from it."""
     # Every part proposes the grid it is on; equal proposals are tried once.
-    rests = np.round(np.mod(corners, unit) / _OFF) * _OFF % unit
+    rests = np.round(np.mod(corners, _UNIT) / _OFF) * _OFF % _UNIT
     proposals = Counter(map(tuple, rests.tolist()))
     best: tuple[int, Array] | None = None
     for rest, _ in proposals.most_common(50):
         at = corners[(rests == rest).all(axis=1)][0]
-        away = _away(corners - at, unit)
-        fits = int((np.abs(away) <= _OFF).all(axis=1).sum())
+        fits = int((np.abs(_away(corners - at)) <= _OFF).all(axis=1).sum())
         if best is None or fits > best[0]:
             best = fits, at
-        if fits == len(parts):
+        if fits == len(corners):
             break
     assert best is not None
-    fits, at = best
-    away = _away(corners - at, unit)
-    off = np.flatnonzero((np.abs(away) > _OFF).any(axis=1))
-    if off.size:
-        faults = FileFaults(path)
-        for k in off.tolist():
-            dx, dz, up = (round(float(v), 2) + 0.0 for v in away[k])
-            faults.add(
-                parts[k].line,
-                f"{parts[k].words} is off the studs of the other bricks by x {dx:g}, y {-up + 0.0:g},"
-                f" z {dz:g} of LDraw's units (20 a stud, 8 a plate)",
-            )
-        faults.check(form=f"{fits} of {len(parts)} parts are on one grid of studs")
-    cells: list[list[int]] = np.round((corners - at) / unit).astype(int).tolist()
-    return cells
+    return best[1], _away(corners - best[1])
 
 
-def _away(offset: Array, unit: Array) -> Array:
-    """Return the distance of offsets from the nearest points of a grid."""
-    away: Array = offset - np.round(offset / unit) * unit
+def _distance(part: Reference, away: Array) -> str:
+    """Return how far a part is from the grid; nothing where it is on it."""
+    if (np.abs(away) <= _OFF).all():
+        return ""
+    dx, dz, up = (round(float(v), 2) + 0.0 for v in away)
+    return (
+        f"{part.words} is off the studs of the other bricks by x {dx:g}, y {-up + 0.0:g},"
+        f" z {dz:g} of LDraw's units (20 a stud, 8 a plate)"
+    )
+
+
+def _away(offset: Array) -> Array:
+    """Return the distance of offsets from the nearest points of the grid."""
+    away: Array = offset - np.round(offset / _UNIT) * _UNIT
     return away
 
 

@@ -16,7 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from planning.lego.bricks.assembly import BrickType
-from planning.lego.bricks.brick_types import BRICKS
+from planning.lego.bricks.brick_types import BRICKS, brick_of_size
 from planning.lego.importers.brick_models.model import FileFaults
 from planning.transforms import Array
 
@@ -53,15 +53,13 @@ _DEFINED = re.compile(
 )
 _COLOUR = re.compile(r"[+-]?\d{1,10}|(0x|#)[0-9a-fA-F]{6,8}", re.ASCII)
 _REFERENCE = 15
+_LONGEST = 10_000
 _LARGEST = 1e7
 
 FORM = (
     "a line starts with 0 to 5; a part is a line such as"
     " '1 4 20 -24 0 1 0 0 0 1 0 0 0 1 3001.dat': 1, colour, x y z, nine of its rotation, file"
 )
-
-STUD, LEVEL = 20, 8
-"""Distance of studs, and height of a plate; a brick is three times as high [LDraw units]."""
 
 _NUMBERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -90,8 +88,37 @@ _NUMBERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 
+_LARGER: Mapping[tuple[int, int, int], tuple[str, ...]] = MappingProxyType(
+    {
+        **{(1, 10, 3): ("6111",), (1, 12, 3): ("6112",), (1, 16, 3): ("2465",)},
+        **{(2, 10, 3): ("3006",), (4, 6, 3): ("2356",), (4, 10, 3): ("6212",)},
+        **{(4, 12, 3): ("4202",), (8, 8, 3): ("4201",), (8, 16, 3): ("4204",)},
+        **{(1, 1, 9): ("14716",), (1, 2, 9): ("22886",), (1, 4, 9): ("49311",)},
+        **{(1, 2, 6): ("3245", "3245a", "3245b", "3245c"), (2, 2, 9): ("30145",)},
+        **{(1, 1, 15): ("2453", "2453a", "2453b"), (1, 3, 15): ("3755",)},
+        **{(1, 2, 15): ("2454", "2454a", "2454b"), (1, 6, 15): ("3754",)},
+        **{(2, 4, 9): ("30144",), (2, 6, 9): ("6213",)},
+        **{(1, 5, 1): ("78329",), (1, 10, 1): ("4477",), (1, 12, 1): ("60479",)},
+        **{(2, 10, 1): ("3832",), (2, 12, 1): ("2445",), (2, 14, 1): ("91988",)},
+        **{(2, 16, 1): ("4282",), (3, 3, 1): ("11212",), (4, 4, 1): ("3031",)},
+        **{(4, 6, 1): ("3032",), (4, 8, 1): ("3035",), (4, 10, 1): ("3030",)},
+        **{(4, 12, 1): ("3029",), (6, 6, 1): ("3958",), (6, 8, 1): ("3036",)},
+        **{(6, 10, 1): ("3033",), (6, 12, 1): ("3028",), (6, 14, 1): ("3456",)},
+        **{(6, 16, 1): ("3027",), (6, 24, 1): ("3026",), (8, 8, 1): ("41539",)},
+        **{(8, 16, 1): ("92438",), (16, 16, 1): ("91405",)},
+    }
+)  # fmt: skip
+"""Further parts by studs and height in thirds of a brick; scenarios write their types themselves."""
+
 PARTS: Mapping[str, BrickType] = MappingProxyType(
-    {number: BRICKS[kind] for kind, all_ in _NUMBERS.items() for number in all_}
+    {
+        **{number: BRICKS[kind] for kind, own in _NUMBERS.items() for number in own},
+        **{
+            number: brick_of_size((x, y), height)
+            for (x, y, height), own in _LARGER.items()
+            for number in own
+        },
+    }
 )
 """Brick types by the number of their part."""
 
@@ -101,8 +128,8 @@ _BASEPLATES = frozenset(
 """Thin plates that models stand on, from 8 x 16 to 48 x 48 studs."""
 
 _OF_SIZE = {
-    (tuple(sorted(BRICKS[kind].studs)), BRICKS[kind].height): numbers[0]
-    for kind, numbers in _NUMBERS.items()
+    (tuple(sorted(brick.studs)), brick.height): number
+    for number, brick in reversed(list(PARTS.items()))
 }
 
 # Printed ones have a p and more behind the number, such as 3005p01.
@@ -171,12 +198,14 @@ class Document:
         drawn: how many lines of types 2 to 5 there are.
         steps: how many steps end.
         colours: that the file defines, by code.
+        parts: numbered lines of the parts that the file brings along.
     """
 
     models: dict[str, list[Reference]] = field(default_factory=dict)
     drawn: int = 0
     steps: int = 0
     colours: dict[int, Colour] = field(default_factory=dict)
+    parts: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
 
 
 def read_document(path: Path, lines: Sequence[str]) -> Document:
@@ -187,50 +216,86 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
     """
     faults, document = FileFaults(path), Document()
     here: list[Reference] | None = document.models.setdefault("", [])
+    name, first, drawn, is_part = "", 1, 0, False
+
+    def finish(last: int) -> None:
+        """Keep a model that is a part of the library as such."""
+        if here is not None and name.endswith(".dat") and (drawn or is_part):
+            document.parts[name] = list(enumerate(lines[first - 1 : last], first))
+            if name != next(iter(document.models)):
+                del document.models[name]
+        else:
+            document.drawn += drawn
+
     for number, line in enumerate(lines, start=1):
         words = line.split(None, _REFERENCE - 1)
         if not words:
             continue
-        if words[0] == "1":
-            found = _reference(words, number)
+        if len(line) > _LONGEST:
+            faults.add(number, f"a line of {len(line)} characters")
+        elif words[0] == "1":
+            found = read_reference(words, number)
             if isinstance(found, str):
                 faults.add(number, found)
             elif here is not None:
                 here.append(found)
         elif words[0] in ("2", "3", "4", "5"):
-            document.drawn += 1
+            drawn += 1
         elif words[0] != "0":
             faults.add(number, f"{line.strip()[:30]!r} is no line of LDraw")
         elif len(words) > 1 and words[1].upper() in ("FILE", "NOFILE"):
+            finish(number - 1)
             name = _file_name(line.split(None, 2)[2] if len(words) > 2 else "")
-            here = None
-            if words[1].upper() == "FILE":
+            here, first, drawn, is_part = None, number, 0, False
+            # Packed files bring some parts twice.
+            if words[1].upper() == "FILE" and name not in document.parts:
                 if name in document.models:
                     faults.add(number, f"a model before it is called {name!r}, too")
                 here = document.models.setdefault(name, [])
         elif len(words) > 1 and words[1].upper() == "STEP":
             document.steps += 1
-        elif (colour := _DEFINED.match(line.strip())) is not None:
-            document.colours[int(colour[1])] = _split(int(colour[2], 16))
+        elif len(words) > 2 and words[1].upper() == "!LDRAW_ORG":
+            is_part = "MODEL" not in words[2].upper()
+        else:
+            document.colours |= read_colour(line)
+    finish(len(lines))
     faults.check(form=FORM)
     if not document.models[""] and len(document.models) > 1:
         del document.models[""]
     return document
 
 
+def read_colour(line: str) -> dict[int, Colour]:
+    """Return the colour that a line defines, by its code; nothing where it defines none."""
+    found = _DEFINED.match(line.strip())
+    return {} if found is None else {int(found[1]): _split(int(found[2], 16))}
+
+
 def _file_name(text: str) -> str:
     """Return the name of a file, normalised as references are."""
-    return text.strip().strip('"').replace("\\", "/").casefold()
+    name = text.strip().strip('"').replace("\\", "/").casefold()
+    return name.removeprefix("parts/").removeprefix("p/")
 
 
-def _reference(words: Sequence[str], number: int) -> Reference | str:
+def read_reference(words: Sequence[str], number: int) -> Reference | str:
     """Return the reference of a line, or its fault."""
     if len(words) < _REFERENCE:
         return f"a part has {_REFERENCE} values, this line {len(words)}"
     if not _COLOUR.fullmatch(words[1]):
         return f"{words[1][:20]!r} is no colour"
+    values = read_numbers(words[2:14])
+    if isinstance(values, str):
+        return values
+    pose = np.eye(4)
+    pose[:3, 3] = values[:3]
+    pose[:3, :3] = np.reshape(values[3:], (3, 3))
+    return Reference(number, pose, _file_name(words[14]), words[1].casefold())
+
+
+def read_numbers(words: Sequence[str]) -> list[float] | str:
+    """Return the lengths or directions of a line, or the fault of one of them."""
     values = []
-    for text in words[2:14]:
+    for text in words:
         try:
             value = float(text)
         except ValueError:
@@ -238,10 +303,7 @@ def _reference(words: Sequence[str], number: int) -> Reference | str:
         if not abs(value) <= _LARGEST:
             return f"{text[:20]} is no length or direction"
         values.append(value)
-    pose = np.eye(4)
-    pose[:3, 3] = values[:3]
-    pose[:3, :3] = np.reshape(values[3:], (3, 3))
-    return Reference(number, pose, _file_name(words[14]), words[1].casefold())
+    return values
 
 
 def brick_type_of_file(name: str) -> BrickType | None:

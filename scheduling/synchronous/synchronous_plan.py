@@ -16,7 +16,6 @@ import numpy as np
 
 from planning.cell.workcell import WorldState
 from planning.errors import TransitError
-from planning.motion.composite import CompositeChecker, without_robots
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
@@ -27,8 +26,9 @@ from planning.tasks.task_graph import task_graph
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.ordering.concurrent_skills import ConcurrentSkillChecker
 from scheduling.ordering.relations import TaskRelations
+from scheduling.synchronous.composite import CompositeChecker, without_robots
+from scheduling.synchronous.concurrent_skills import ConcurrentSkillChecker
 
 _SHORTEST = 1e-3
 """Duration of a slot without motion, so that slots do not start simultaneously [s]."""
@@ -157,7 +157,7 @@ class _Slot:
 def plan_synchronous(
     plan: MotionPlan,
     settings: MotionSettings,
-    conflicts: TaskConflicts,
+    conflicts: TaskConflicts | None = None,
     progress: Progress = no_progress,
     *,
     always_jointly: bool = False,
@@ -171,7 +171,7 @@ def plan_synchronous(
     Args:
         plan: one task after another.
         settings: of the sequential plan: speeds, step, attempts and seed.
-        conflicts: of the tasks of ``plan``.
+        conflicts: of the tasks of ``plan``, where they are known.
         progress: called with the tasks done and the tasks in all.
         always_jointly: plan all transits of a slot in which several robots move as one robot,
             beside what skills in it sweep, however long that takes; by default only those that
@@ -180,6 +180,7 @@ def plan_synchronous(
     Raises:
         TransitError: the sequential plan does not hold on its own.
     """
+    conflicts = conflicts or TaskConflicts(plan)
     planner = _Planner(plan, settings, conflicts, always_jointly=always_jointly)
     return planner.plan(progress)
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.motion.composite import CompositeChecker
 from planning.motion.motion_plan import TaskMotion
 from planning.motion.sequential import MARGIN
 from planning.transforms import Array
@@ -23,6 +22,7 @@ from scheduling.conflicts.object_spans import ObjectSpan
 from scheduling.conflicts.occupancy import chain_occupancy
 from scheduling.graph.task_edges import TaskNodes
 from scheduling.graph.temporal_plan_graph import pose_nodes
+from scheduling.synchronous.composite import CompositeChecker
 
 
 class ConcurrentSkillChecker:

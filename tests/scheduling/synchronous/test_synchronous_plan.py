@@ -13,7 +13,6 @@ from planning.cell.workcell import Workcell, WorldState
 from planning.errors import PlanInvariantError, TransitError
 from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
-from planning.motion.composite import CompositeChecker
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
@@ -24,7 +23,8 @@ from scheduling.build_tpg import build_tpg
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.ordering.synchronous import (
+from scheduling.synchronous.composite import CompositeChecker
+from scheduling.synchronous.synchronous_plan import (
     SynchronousPlan,
     TaskConflicts,
     plan_synchronous,
