@@ -226,7 +226,8 @@ HOOKS = Group(
         "synchronous plan": "scheduling.synchronous.synchronous_plan:plan_synchronous",
         "assignment search": "planning.assignment_search.search:search_assignments",
         "makespan bound": "planning.makespan_bound.makespan_bound:makespan_bound_s",
-        "vendor files": "planning.vendor_files.vendor_files:with_vendor_files",
+        "described robot": "planning.vendor_files.described_robot:described_robot",
+        "description file": "planning.vendor_files.xacro_file:description_file",
     },
 )
 """Functions of optional parts that the core calls where they are installed."""

@@ -101,25 +101,17 @@ def load_urdf(
         frames={key: read_only_copy(pose) for key, pose in frames.items()},
         parts=parts,
         never_collide=never_colliding_pairs(chain, parts, lower, upper, rest)
-        | _pairs_of_links(parts, ignored),
+        | {
+            (i, j)
+            for (i, a), (j, b) in combinations(enumerate(parts), 2)
+            if not ignored.isdisjoint({(a.link, b.link), (b.link, a.link)})
+        },
         home=read_only_copy(rest),
         flange_link=flange_name,
         grip=known.grip,
         drives=_drives(root, description, known, set(hanging)),
         inertias=_inertias(model),
         ignored_contacts=ignored,
-    )
-
-
-def _pairs_of_links(
-    parts: tuple[LinkPart, ...], links: frozenset[tuple[str, str]]
-) -> frozenset[tuple[int, int]]:
-    """Return the pairs of part indices (low, high) of pairs of links."""
-    either = {frozenset(pair) for pair in links}
-    return frozenset(
-        (i, j)
-        for (i, a), (j, b) in combinations(enumerate(parts), 2)
-        if frozenset((a.link, b.link)) in either
     )
 
 
@@ -199,8 +191,7 @@ def _require_all_shapes(root: Element, geometry: Any, path: Path) -> None:
         name = str(link.get("name"))
         if found[name] != len(link.findall("collision")):
             raise RobotModelError(
-                f"{path}: link {name!r}: its <inertial>, a <visual> or a <collision> cannot be read, such as"
-                " a number that is none"
+                f"{path}: link {name!r}: its <inertial>, a <visual> or a <collision> cannot be read"
             )
 
 
@@ -216,8 +207,7 @@ def _parts(
         joints.append(item.parentJoint - 1)
     if not hulls:
         raise RobotModelError(
-            f"{path} has no collision geometry, so that nothing would keep it from other things; give its"
-            " links <collision> shapes, such as its visual ones"
+            f"{path} has no collision geometry: no <collision> shapes"
         )
     covers: dict[int, Capsules] = {}
     # Tools work at close range: more capsules there spare exact decisions.

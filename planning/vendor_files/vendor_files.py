@@ -104,7 +104,7 @@ def _semantics(
         return None if found is None else srdf_semantics(found)
     try:
         file = resolve_file_name(srdf, folder, RobotModelError).resolve()
-        if is_xacro(file) and is_file(file):
+        if is_xacro(file):
             return srdf_semantics(file, xacro_root(file, xacro))
         return srdf_semantics(file)
     except RobotModelError as error:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
 from planning.errors import FittingError, RobotModelError
@@ -29,6 +30,8 @@ _PACKAGE = "package.xml"
 _ABOVE = 6
 """Number of folders above a file in which its package is looked for."""
 
+_NO_ARGUMENTS: Mapping[str, str | float | bool] = MappingProxyType({})
+
 _TIMEOUT_S = 3 * CPU_S
 
 _PROGRAM = (
@@ -43,6 +46,13 @@ def is_xacro(path: Path) -> bool:
     return path.suffix.lower() == _SUFFIX
 
 
+def description_file(
+    path: Path, arguments: Mapping[str, str | float | bool] = _NO_ARGUMENTS
+) -> Path:
+    """Return a description as URDF or MJCF; arguments and errors are as of ``xacro_root``."""
+    return stored_xacro(path, arguments) if is_xacro(path) else path
+
+
 def xacro_root(path: Path, arguments: Mapping[str, str | float | bool]) -> Element:
     """Return a xacro file as XML.
 
@@ -54,6 +64,8 @@ def xacro_root(path: Path, arguments: Mapping[str, str | float | bool]) -> Eleme
         RobotModelError: it cannot be expanded; the message says why and in which file.
         FittingError: it lacks an argument.
     """
+    if not is_file(path):
+        raise RobotModelError(f"robot description {path} does not exist")
     given = tuple(sorted((name, _text(value)) for name, value in arguments.items()))
     return parse_xml(_expanded(path, path.stat().st_mtime_ns, given).encode(), path)
 

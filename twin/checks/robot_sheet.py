@@ -18,6 +18,7 @@ from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import DriveLimits, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import FittingError, RobotModelError
+from planning.files import resolve_file_name
 from planning.kinematics.kinematics import joint_poses_of
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import GivenLimits
@@ -37,7 +38,8 @@ from twin.checks.views import (
 )
 from twin.drawing.pictures import INK, new_picture
 from twin.host.atomic_files import save_png
-from twin.planning.fitted_robots import described_file, described_model
+from twin.planning.fitted_robots import described_model
+from twin.registry import HOOKS
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
 _VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), Viewpoint.from_side())
@@ -222,7 +224,9 @@ def robot_sheets(
                 fitting = Fitting(held=held, flange=flange, limits=given)
                 model = described_model(which, Path(), fitting, more)
                 return (_of_robot(model, str(model.name), error.message),)
-        path = described_file(which, Path(), xacro)
+        path = resolve_file_name(which, Path(), RobotModelError).resolve()
+        if "description file" in HOOKS:
+            path = HOOKS.load("description file")(path, xacro)
         if not path.is_file() or flange is not None:
             raise
         return (_of_tool(path, held, error),)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from planning.cell.robot_model import RobotModel
@@ -13,19 +12,17 @@ from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.files import resolve_file_name
 from planning.robots.descriptions.fitting import BY_HAND, Fitting, Tool
 from planning.robots.descriptions.urdf_file import BY_JOINT, GivenLimits
-from planning.robots.registry import ROBOTS, robot_model, with_tool
+from planning.robots.registry import robot_model, with_tool
 from twin.planning.shapes import build_shape
 from twin.registry import HOOKS
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
 from twin.scenario.sections.shapes import ShapeSection, to_planning_class
 
-_VENDOR = "vendor files"
-"""Hook that reads what a vendor gives beside a description."""
+_DESCRIBED, _FILE = "described robot", "description file"
+"""Hooks that read what a vendor gives beside a description, and descriptions in other formats."""
 
 _OF_VENDOR = ("srdf", "home", "xacro")
 """Keys of a robot for that hook."""
-
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 def fitted_model(
@@ -43,7 +40,9 @@ def fitted_model(
         RobotModelError: the description of the robot cannot be used.
     """
     if robot.tools:
-        return _model_of(robot, robot.model, folder, _fitting(robot.bare, bare=True))
+        return _model_of(
+            robot, robot.model, folder, _fitting(robot.with_only(None), bare=True)
+        )
     own = tools.get(robot.tool or "")
     if own is None and robot.tool is not None:
         _model_of(robot, robot.model, folder, Fitting())  # a missing one comes first
@@ -62,7 +61,7 @@ def _model_of(
 
 
 def described_model(
-    model: str, folder: Path, fitting: Fitting, given: Mapping[str, Any] = _NOTHING
+    model: str, folder: Path, fitting: Fitting, given: Mapping[str, Any]
 ) -> RobotModel:
     """Return a robot model with what its vendor says in further files.
 
@@ -75,36 +74,11 @@ def described_model(
     Raises:
         RobotModelError: a file cannot be used.
     """
-    if model in ROBOTS:
-        for key in given:
-            raise FittingError(f"{model!r} is a registered robot: no {key}", key=key)
-    elif given or _VENDOR in HOOKS:
-        read = HOOKS.require(_VENDOR, "a model with " + ", ".join(given))
-        file, fitting = read(model, folder, fitting, **given)
-        try:
-            return robot_model(file, folder, fitting)
-        except RobotModelError as error:  # in words of the source
-            raise error.with_message(error.message.replace(file, model)) from None
-    return robot_model(model, folder, fitting)
-
-
-def described_file(
-    name: str, folder: Path, xacro: Mapping[str, Any] = _NOTHING
-) -> Path:
-    """Return the file of a description as URDF or MJCF.
-
-    Args:
-        name: path of the description.
-        folder: where relative paths start.
-        xacro: arguments of a description in xacro.
-
-    Raises:
-        RobotModelError: it cannot be used.
-    """
-    if _VENDOR in HOOKS:
-        read = HOOKS.load(_VENDOR)
-        name, _ = read(name, folder, Fitting(), srdf=False, xacro=xacro)
-    return resolve_file_name(name, folder, RobotModelError).resolve()
+    if not given and _DESCRIBED not in HOOKS:
+        return robot_model(model, folder, fitting)
+    read = HOOKS.require(_DESCRIBED, "a model with " + ", ".join(given))
+    found: RobotModel = read(model, folder, fitting, **given)
+    return found
 
 
 def _fitting(
@@ -129,7 +103,10 @@ def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
     description, shapes = None, tuple[Element, ...]()
     try:
         if section.description is not None:
-            description = described_file(section.description, folder)
+            file = resolve_file_name(section.description, folder, RobotModelError)
+            description = file.resolve()
+            if _FILE in HOOKS:
+                description = HOOKS.load(_FILE)(description)
         if section.shapes:
             whole = ShapeSection(compound=section.shapes)
             shapes = build_shape(name, whole, folder).elements

@@ -188,8 +188,7 @@ def fitted_description(
     _complete_limits(root)
     arm = serial_chain(root, path, package_dirs)
     with _located_errors("flange", fitting.flange is not None):
-        wanted = fitting.flange or known.flange_link
-        flange = flange_link(arm, wanted, fitting.proposed)
+        flange = flange_link(arm, fitting.flange or known.flange_link, fitting.proposed)
     if fitting.flange in (None, known.flange_link):
         flange = _with_offset(root, flange, known.flange_offset)
     else:  # what is known of the tool is given in the frame of another flange
@@ -214,8 +213,7 @@ def fitted_description(
     if fitting.limits.payload is not None:
         known = replace(known, payload=fitting.limits.payload)
     if known.home is None and fitting.home.keys() >= {j.name for j in arm.joints}:
-        home = tuple(fitting.home[joint.name] for joint in arm.joints)
-        known = replace(known, home=home)
+        known = replace(known, home=tuple(fitting.home[j.name] for j in arm.joints))
     ignored = _ignored_pairs(root, links_before, fitting.ignored)
     known = replace(known, ignored={**known.ignored, **ignored})
     _tidy(root)

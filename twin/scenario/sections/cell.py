@@ -271,15 +271,10 @@ class RobotSection(Section):
         """The robot with each of its tools as the only one; itself where it changes none."""
         if not self.tools:
             return (self,)
-        return tuple(self._with_only(name) for name in self.tools)
+        return tuple(self.with_only(name) for name in self.tools)
 
-    @property
-    def bare(self) -> RobotSection:
-        """The robot without any of its tools."""
-        return self._with_only(None)
-
-    def _with_only(self, tool: str | None) -> RobotSection:
-        """Return the robot with one of its tools, without pairs of links of the others."""
+    def with_only(self, tool: str | None) -> RobotSection:
+        """Return the robot with one of its tools or none, without pairs of links of the others."""
         others = tuple(f"{name}." for name in self.tools if name != tool)
         kept = tuple(
             pair
