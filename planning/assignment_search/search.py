@@ -18,8 +18,11 @@ from planning.tasks.found_assignment import FoundAssignment
 MOST_CHOICES = 4000
 """Greatest number of alternatives of all steps for a search, since each is expanded to tasks."""
 
-_MOVES_PER_STEP, _MOST_STEPS_SEEN = 1000, 1_500_000
+_MOVES_PER_STEP, _MOST_STEPS_SEEN = 400, 500_000
 """Default number of moves per step, and the greatest product of the numbers of moves and steps."""
+
+_RUNS = 3
+"""Number of runs that share the moves: plans that are predicted to be as long differ by several per cent."""
 
 
 def search_assignments(
@@ -29,7 +32,7 @@ def search_assignments(
     settings: MotionSettings,
     moves: int | None = None,
 ) -> FoundAssignment | None:
-    """Return the assignment that is predicted to end first among those that are looked at.
+    """Return the assignments that are predicted to end first among those that each run looks at.
 
     There is no search if robots change tools or keep holding what they placed, or if there are machines: the prediction
     of the makespan does not model these.
@@ -55,6 +58,10 @@ def search_assignments(
     neighbours, steps = list_neighbours(model, problem), len(start)
     if moves is None:
         moves = min(_MOVES_PER_STEP * steps, _MOST_STEPS_SEEN // steps)
-    makespan, best = anneal(model, neighbours, start, moves, settings.seed)
-    found = TaskPlan(tuple(choices[k] for k in best))
-    return FoundAssignment(found, predict_makespan(model, start), makespan, moves)
+    predicted: dict[TaskPlan, float] = {}
+    for run in range(_RUNS):
+        share, seed = -(-(moves - run) // _RUNS), settings.seed * _RUNS + run
+        makespan, best = anneal(model, neighbours, start, share, seed)
+        predicted[TaskPlan(tuple(choices[k] for k in best))] = makespan
+    plans = sorted(((s, plan) for plan, s in predicted.items()), key=lambda p: p[0])
+    return FoundAssignment(tuple(plans), predict_makespan(model, start), moves)

@@ -75,11 +75,14 @@ class StepScenes:
 
     def empty(self, robot: str, *, at_goal: bool) -> SpaceTimeChecker:
         """Return the checker for an empty pad at the part: in the supply, or after release."""
-        world = self.world
-        if at_goal:
-            world = with_part_at_rest(world, self.part.name, self.part.goal)
+        world = self._built if at_goal else self.world
         allowed = grip_contact(robot, self.part.name)
         return self._checker((robot, at_goal), world, robot, {}, allowed)
+
+    @cached_property
+    def _built(self) -> FixedWorld:
+        """The world in which the part is in its place."""
+        return with_part_at_rest(self.world, self.part.name, self.part.goal)
 
     def held(self, robot: str, hold: Hold, *, at_goal: bool) -> SpaceTimeChecker:
         """Return the checker for the held part as it is lifted from the supply, or put down."""

@@ -33,6 +33,7 @@ AllowedPairs = Iterable[frozenset[str]]
 """Unordered pairs of entities that may touch."""
 
 _KNOWN: BoundedCache[RobotBodies] = BoundedCache(4000)
+_TABLES: BoundedCache[HullTable] = BoundedCache(4000)
 
 
 GROUPS = ("arm", "tool")
@@ -196,13 +197,22 @@ def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
     for i, j in model.never_collide:
         limits[i, j] = SKIP
     q, which = np.zeros((1, model.dof)), np.arange(count, dtype=np.int32)[None]
+    # Equal objects differ in nothing but their names.
+    key = joints, *map(_content, solids[parts:])
     return RobotBodies(
         tuple(solids),
         (*groups, *(solid.name for solid in solids[parts:])),
-        hull_table(joints, q, q, which, solids),
+        _TABLES.get(key, lambda: hull_table(joints, q, q, which, solids)),
         limits,
         parts,
     )
+
+
+def _content(solid: Solid) -> tuple[bytes, ...]:
+    """Return the pose, the corners and the capsules of a carried body."""
+    body, around = solid.body, solid.body.capsules
+    arrays = solid.local, body.vertices, around.start, around.end, around.radius
+    return tuple(array.tobytes() for array in arrays)
 
 
 def objects_held_by(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from itertools import pairwise, product
 from typing import NamedTuple
 
+import coal
 import numpy as np
 
 from planning.cell.workcell import PoseError, Workcell, WorldState
@@ -21,6 +22,7 @@ from planning.geometry.exact import (
     may_come_close,
     place_at_middle,
 )
+from planning.geometry.overlap_bounds import find_unproved
 from planning.geometry.robot_bodies import (
     Held,
     entity_name,
@@ -36,7 +38,8 @@ from planning.geometry.standing import (
     sort_objects,
     standing_robot,
 )
-from planning.geometry.swept import SKIP, make_swept
+from planning.geometry.swept import SKIP
+from planning.geometry.work_arrays import work_arrays
 from planning.kinematics.kinematics import frame_pose
 from planning.packed import packed
 from planning.transforms import Array
@@ -46,6 +49,16 @@ _TOUCHING = 5e-5
 
 _FINE = 2e-5
 """Tolerance of the check whether a motion exceeds an allowed overlap [m]."""
+
+_LENGTH = 1e-6
+"""Greatest error of the length of a measured axis."""
+
+_AXES = 4
+"""Number of axes that are measured, one after another, to prove that a tool keeps a limit."""
+
+_PROVED = _FINE + 1e-5
+"""Distance beyond a limit at which a bound is sure to agree with the exact decision: its tolerance, and errors of
+measured depths [m]."""
 
 
 class BodyPair(NamedTuple):
@@ -124,8 +137,8 @@ class SceneChecker:
             move with it; objects without a pose are absent.
         allowed: unordered pairs of entities that may touch.
         margin: addition to the clearances of the cell [m].
-        surroundings: objects that the checked robot holds, and fixtures and objects at rest; they replace those
-            of the cell and the state.
+        surroundings: objects that the checked robot holds, and everything else, see ``plus_robots``; they replace
+            those of the cell and the state.
         deviating: a path, shape (w, n), and the greatest deviation of the flange from it; if given, only motions
             of this path are checked.
     """
@@ -142,10 +155,6 @@ class SceneChecker:
         deviating: tuple[Array, PoseError] | None = None,
     ) -> None:
         held, boxes = surroundings or _surroundings(cell, robot, state)
-        for other in cell.robots:
-            if other.name != robot:
-                at = np.array(state.configurations[other.name], dtype=np.float64)
-                boxes = boxes.plus(standing_robot(other, at), of_robot=other)
         self.robot = cell.robot(robot)
         self._to_robots = cell.clearances.robot_robot + margin
         self._to_objects = cell.clearances.robot_object + margin
@@ -157,21 +166,21 @@ class SceneChecker:
         self._box_limit = box_limits(
             self._own, boxes, (), self._to_objects, self._to_robots
         )
-        own = make_swept(self._own.hulls)
+        work = work_arrays(self._own.hulls)
         n, corners = self.robot.model.dof, self._own.hulls.most_corners
-        none = np.empty((0, 0))
+        none, count = np.empty((0, 0)), len(self._own.solids)
         self._scene = CompiledScene(
-            own,
+            work.own,
             boxes.hulls,
             boxes.pose,
             boxes.half,
             boxes.bounds,
             none,
             none,
-            own.hulls.on_a_motion().seen_from_base(),
+            work.above,
             make_scratch_for(n, 0, corners, boxes.places.most_corners),
-            make_scratch_for(n, n, corners, corners),
-            np.zeros((len(own.hulls.joint), len(own.hulls.joint), 3)),
+            work.on_itself,
+            np.zeros((count, count, 3)),
         )
         self._allow(allowed)
 
@@ -211,13 +220,14 @@ class SceneChecker:
         """Tell whether the robot may stand at ``q``, shape (n,)."""
         return self._clear(q, q, probing=False, whole=True)
 
-    def motion_free(self, q_a: Array, q_b: Array) -> bool:
+    def motion_free(self, q_a: Array, q_b: Array, *, probing: bool = True) -> bool:
         """Tell whether the whole straight joint-space line from ``q_a`` to ``q_b`` is free.
 
         Args:
             q_a, q_b: ends, shape (n,).
+            probing: whether to check some configurations first, which is faster for motions that are often blocked.
         """
-        return self._clear(q_a, q_b, probing=True, whole=True)
+        return self._clear(q_a, q_b, probing=probing, whole=True)
 
     def seems_free(self, q_a: Array, q_b: Array) -> bool:
         """Tell whether some configurations of the motion are free, shape (n,) each.
@@ -300,20 +310,34 @@ class SceneChecker:
 
     def _tool_comes_within(self, path: Array, column: int, limit: float) -> bool:
         """Tell whether the tool may come nearer to a piece at rest than a limit."""
-        box = self._boxes.solid(column)
+        box, path = self._boxes.solid(column), np.array(path, dtype=np.float64)
         bodies = self._own.of_entity.get(entity_name(self.robot.name, "tool"), [])
-        motions = list(pairwise(np.array(path, dtype=np.float64)))
-        alone = self._only(bodies, column, max(limit, 0.0))
+        if not bodies:
+            return False
+        # In intended contacts, base errors and deviations are ignored.
+        solids = [self._own.solids[body].where_planned for body in bodies]
+        hulls, box_pose = self._scene.own.hulls, self._scene.box_pose[column]
+        half, axes = self._scene.box_half[column], np.zeros((len(bodies), 3))
+        for _ in range(_AXES):
+            k, s, share = find_unproved(
+                hulls, np.array(bodies), axes, path, box_pose, half, limit + _PROVED
+            )
+            if k < 0:
+                return False
+            q = path[s] + share * (path[s + 1] - path[s])
+            gap, axes[k] = _measure_axis(solids[k], q, box)
+            if gap < limit:
+                return True
         close = []
-        for q0, q1 in motions:
+        alone = self._only(bodies, column, max(limit, 0.0))
+        for q0, q1 in pairwise(path):
             # Pairs that are proved apart keep the limit.
             _, when, what = find_undecided(alone, q0, q1, False, True, 0, False)
             for (lo, hi), (_, body, _) in zip(
                 when.tolist(), what.tolist(), strict=True
             ):
-                # In intended contacts, base errors and deviations are ignored.
-                solid = self._own.solids[body].where_planned
-                close.append((solid, q0 + lo * (q1 - q0), q0 + hi * (q1 - q0)))
+                ends = q0 + lo * (q1 - q0), q0 + hi * (q1 - q0)
+                close.append((solids[bodies.index(body)], *ends))
         # Ends and middles are cheap to check, and often decide already.
         for solid, q0, q1 in close:
             if any(
@@ -364,6 +388,22 @@ class SceneChecker:
         return BodyPair(mine, self._own.solids[other], limit, together=True)
 
 
+def _measure_axis(mine: Solid, q: Array, other: Solid) -> tuple[float, Array]:
+    """Return the signed distance of a body from one at rest [m], and the axis of it in the frame of the joint.
+
+    The axis is zero where none is found.
+    """
+    pose, result = place_at_middle(mine, q, q)[0], coal.DistanceResult()
+    gap = coal.distance(
+        mine.shape, pose, other.shape, other.at_rest, coal.DistanceRequest(), result
+    )
+    turn = np.asarray(pose.getRotation()) @ mine.local[:3, :3].T
+    axis = turn.T @ np.asarray(result.normal).reshape(3)
+    length = np.linalg.norm(axis)
+    known = abs(length - 1.0) < _LENGTH
+    return float(gap), axis if known else np.zeros(3)
+
+
 def _surroundings(
     cell: Workcell, robot: str, state: WorldState
 ) -> tuple[Sequence[Held], StandingBoxes]:
@@ -375,4 +415,19 @@ def _surroundings(
             hand = frame_pose(holder, state.configurations[at.holder])
             there = item.shape.placed(item.name, hand @ at.pose)
             boxes = boxes.plus(there, of_robot=holder)
-    return objects_held_by(robot, held), boxes
+    around = plus_robots(boxes, cell, robot, state.configurations)
+    return objects_held_by(robot, held), around
+
+
+def plus_robots(
+    boxes: StandingBoxes,
+    cell: Workcell,
+    robot: str,
+    configurations: Mapping[str, Array],
+) -> StandingBoxes:
+    """Return boxes and all robots but one, standing at their configurations."""
+    for other in cell.robots:
+        if other.name != robot:
+            at = np.array(configurations[other.name], dtype=np.float64)
+            boxes = boxes.plus(standing_robot(other, at), of_robot=other)
+    return boxes

@@ -6,13 +6,14 @@ arrays, and a scene is a selection of rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from threading import Lock
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.caches import BoundedCache
 from planning.cell.body import ConvexBody
@@ -154,26 +155,36 @@ class StandingBoxes:
         """Indices of the pieces of each name."""
         return indices_by_name(self.names)
 
-    @property
+    @cached_property
     def pose(self) -> Array:
         """Poses of the boxes, shape (b, 4, 4)."""
         return self.places.pose[self.rows]
 
-    @property
+    @cached_property
     def half(self) -> Array:
         """Half edge lengths, shape (b, 3) [m]."""
         return self.places.half[self.rows]
 
-    @property
+    @cached_property
     def bounds(self) -> Array:
         """Least and greatest corners, shape (b, 6) [m]."""
         return self.places.bounds[self.rows]
+
+    @cached_property
+    def near_robots(self) -> dict[str, tuple[npt.NDArray[np.bool_], StandingBoxes]]:
+        """By robot, marks of the pieces of objects that its paths came near to so far, and these pieces."""
+        return {}
+
+    @cached_property
+    def extended(self) -> dict[Hashable, StandingBoxes]:
+        """These pieces and further ones, by what further ones."""
+        return {}
 
     def solid(self, k: int) -> Solid:
         """Return a piece for exact decisions."""
         return self.places.solids[int(self.rows[k])]
 
-    @property
+    @cached_property
     def hulls(self) -> HullTable:
         """The corners, for compiled code."""
         places = self.places

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from planning.cell import shape
 from planning.cell.workcell import (
     Attachment,
     CellObject,
-    PlacedRobot,
     Workcell,
     WorldState,
 )
 from planning.geometry.robot_bodies import robot_bodies, with_deviations
-from planning.geometry.scene_checker import SceneChecker
+from planning.geometry.scene_checker import SceneChecker, plus_robots
 from planning.geometry.standing import StandingBoxes, stand_boxes
-from planning.geometry.swept import boxes_in_reach, make_swept
+from planning.geometry.swept import boxes_in_reach
+from planning.geometry.work_arrays import work_arrays
 from planning.handling.skill_contacts import SkillContacts, ToolContact
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import MARGIN
@@ -63,28 +62,34 @@ class SkillScene:
         """Return the fixtures and resting objects that a path may come near to.
 
         The result is conservative: it includes all that the capsules of the robot, and of every object that it holds
-        on the path, may meet. The object that changes hands is not included.
+        on the path, may meet. The object that changes hands is not included. What earlier paths of the robot came
+        near to is included, so that paths of one place share checkers.
         """
         held = self._held_by(path.robot, after=False)
         if self.handed is not None and self.handed[1].holder == path.robot:
             held.append((self.objects[self.handed[0]][0], self.handed[1]))
         boxes = self._at_rest
-        objects = boxes.rows[boxes.fixtures :]
         robot = self.cell.robot(path.robot)
         own = robot_bodies(robot, held)
         if error := self.cell.deviations.get(path.skill):
             own = with_deviations(own, robot, path.waypoints, error)
-        near = np.zeros(len(boxes.places.pose[objects]), dtype=np.bool_)
+        known = boxes.near_robots.get(path.robot)
+        near = np.zeros(len(boxes.rows) - boxes.fixtures, dtype=np.bool_)
+        if known is not None:
+            near[:] = known[0]
+        count = np.count_nonzero(near)
         boxes_in_reach(
-            make_swept(own.hulls),
+            work_arrays(own.hulls).own,
             np.vstack([path.lead, path.path]),
-            boxes.places.pose[objects],
-            boxes.places.half[objects],
-            boxes.places.bounds[objects],
+            boxes.pose[boxes.fixtures :],
+            boxes.half[boxes.fixtures :],
+            boxes.bounds[boxes.fixtures :],
             self.cell.clearances.robot_object + MARGIN,
             near,
         )
-        return boxes.only(near)
+        if known is None or np.count_nonzero(near) > count:
+            known = boxes.near_robots[path.robot] = near, boxes.only(near)
+        return known[1]
 
     def checker(
         self, path: SkillPath, boxes: StandingBoxes, phase: Phase, allowed: Pairs
@@ -97,34 +102,80 @@ class SkillScene:
             phase: of the skill.
             allowed: allowed contacts in it.
         """
-        robot, error = path.robot, self.cell.deviations.get(path.skill)
-        after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)
-        more: list[shape.Placed] = []
-        in_hand: list[tuple[PlacedRobot, list[shape.Placed]]] = []
-        for name, (item, at) in self._not_at_rest(after=after).items():
-            if at.holder == robot:
-                continue
-            if at.holder is None:
-                more += item.shape.placed(name, at.pose)
-                continue
-            holder = self.cell.robot(at.holder)
-            pose = frame_pose(holder, self.configurations[at.holder]) @ at.pose
-            in_hand.append((holder, item.shape.placed(name, pose)))
-        if phase is Phase.AFTER and self.refill is not None:
-            item, at = self.refill
-            more += item.shape.placed(item.name, at.pose)
-        around = boxes.plus(more)
-        for holder, pieces in in_hand:
-            around = around.plus(pieces, of_robot=holder)
-        return SceneChecker(
-            self.cell,
+        robot, after = path.robot, phase in (Phase.SINCE_CHANGE, Phase.AFTER)
+        error = self.cell.deviations.get(path.skill) if phase.in_skill else None
+        refilled = phase is Phase.AFTER and self.refill is not None
+        deviating = path.waypoints.tobytes() if error else b""
+        key = robot, after and self.handed is not None, refilled, deviating
+        near, checkers = self._checkers.get(key, (None, {}))
+        if near is not boxes:
+            _, checkers = self._checkers[key] = boxes, {}
+        if allowed in checkers:
+            return checkers[allowed]
+        if checkers:
+            made = next(iter(checkers.values())).with_allowed(allowed)
+        else:
+            others = {
+                name: placed
+                for name, placed in self._not_at_rest(after=after).items()
+                if placed[1].holder != robot
+            }
+            if refilled:
+                assert self.refill is not None
+                others[self.refill[0].name] = self.refill
+            held, around = (
+                self._held_by(robot, after=after),
+                self._around(boxes, robot, others),
+            )
+            made = SceneChecker(
+                self.cell,
+                robot,
+                WorldState(self.configurations, {}),
+                allowed,
+                margin=MARGIN,
+                surroundings=(held, around),
+                deviating=(path.waypoints, error) if error else None,
+            )
+        checkers[allowed] = made
+        return made
+
+    def _around(
+        self, boxes: StandingBoxes, robot: str, others: Objects
+    ) -> StandingBoxes:
+        """Return boxes, further objects at rest or held by other robots, and these robots."""
+        key = (
             robot,
-            WorldState(self.configurations, {}),
-            allowed,
-            margin=MARGIN,
-            surroundings=(self._held_by(robot, after=after), around),
-            deviating=(path.waypoints, error) if error and phase.in_skill else None,
+            *(
+                (name, i.shape, at.holder, at.pose.tobytes())
+                for name, (i, at) in others.items()
+            ),
+            *((r, self.configurations[r.name].tobytes()) for r in self.cell.robots),
         )
+        if key not in boxes.extended:
+            around = boxes.plus(
+                [
+                    piece
+                    for name, (item, at) in others.items()
+                    if at.holder is None
+                    for piece in item.shape.placed(name, at.pose)
+                ]
+            )
+            for name, (item, at) in others.items():
+                if at.holder is not None:
+                    holder = self.cell.robot(at.holder)
+                    pose = frame_pose(holder, self.configurations[at.holder]) @ at.pose
+                    around = around.plus(item.shape.placed(name, pose), of_robot=holder)
+            boxes.extended[key] = plus_robots(
+                around, self.cell, robot, self.configurations
+            )
+        return boxes.extended[key]
+
+    @cached_property
+    def _checkers(
+        self,
+    ) -> dict[Hashable, tuple[StandingBoxes, dict[Pairs, SceneChecker]]]:
+        """What stands near the latest paths, and checkers by allowed contacts, for each arrangement of objects."""
+        return {}
 
     @cached_property
     def _at_rest(self) -> StandingBoxes:

@@ -88,7 +88,6 @@ class SkillTrial:
         self.hindrance: PathObstacle | None = None
         self._scene = scene
         self._near = scene.near(path)
-        self._built: dict[tuple[bool, bool], SceneChecker] = {}
         self._checkers: dict[Phase, SceneChecker] = {}
         self._obstructions = self._iterate_obstructions()
         self.found = self._next_obstruction()
@@ -123,7 +122,7 @@ class SkillTrial:
         for k, (q_a, q_b) in enumerate(pairwise(waypoints)):
             if k == change:
                 phase = Phase.SINCE_CHANGE
-            while not self._checker(phase).motion_free(q_a, q_b):
+            while not self._checker(phase).motion_free(q_a, q_b, probing=False):
                 yield self._path_obstruction(phase, q_a, q_b)
         while found := self._obstruction_at(-1, Phase.AFTER):
             yield found
@@ -200,7 +199,7 @@ class SkillTrial:
             or checker.tool_comes_within(path, name, -tool.pressing)
         ):
             return False
-        if not checker.tool_comes_within(path, name, checker.clearance):
+        if not leans and not checker.tool_comes_within(path, name, checker.clearance):
             return False
         self.touched[name] = leans
         self._checkers.clear()
@@ -232,7 +231,7 @@ class SkillTrial:
         return self._checkers[phase]
 
     def _build_checker(self, phase: Phase) -> SceneChecker:
-        """Build one checker for as long as object poses stay the same, whatever the allowed contacts."""
+        """Return the checker of a phase, with its allowed contacts."""
         scene, robot = self._scene, self.path.robot
         allowed = scene.contacts.before
         if phase is Phase.AFTER:
@@ -240,16 +239,7 @@ class SkillTrial:
         elif phase is not Phase.BEFORE:
             grazed = contacts_with(entity_name(robot, "tool"), self.touched)
             allowed = scene.contacts.during | grazed
-        if phase is Phase.AFTER and scene.refill is not None:
-            return scene.checker(self.path, self._near, phase, allowed)
-        changed = scene.handed is not None
-        after = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and changed
-        deviates = phase.in_skill and self.path.skill in scene.cell.deviations
-        if (after, deviates) not in self._built:
-            built = scene.checker(self.path, self._near, phase, allowed)
-            self._built[after, deviates] = built
-            return built
-        return self._built[after, deviates].with_allowed(allowed)
+        return scene.checker(self.path, self._near, phase, allowed)
 
 
 def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:

@@ -9,16 +9,15 @@ from planning.tasks.assignment import TaskPlan
 
 @dataclass(frozen=True)
 class FoundAssignment:
-    """Best assignment that a search found.
+    """Assignments that the runs of a search found.
 
     Attributes:
-        plan: the assignment; the initial one if none is better.
+        plans: different assignments with their predicted makespans [s], shortest first; the initial one
+            where none is better.
         start_s: predicted makespan of the initial assignment [s].
-        predicted_s: predicted makespan of the best one [s].
         moves: number of evaluated assignments.
     """
 
-    plan: TaskPlan
+    plans: tuple[tuple[float, TaskPlan], ...]
     start_s: float
-    predicted_s: float
     moves: int

@@ -91,20 +91,23 @@ class TaskOrderSearch:
     Args:
         relations: of the units.
         blocks: units of each block, in the planned order of the blocks.
+        durations: of the nodes of each chain, by default those of the graph [s].
     """
 
     def __init__(
-        self, relations: TaskRelations, blocks: Sequence[tuple[int, ...]]
+        self,
+        relations: TaskRelations,
+        blocks: Sequence[tuple[int, ...]],
+        durations: Sequence[Array] | None = None,
     ) -> None:
         self._relations, self._units = relations, relations.units
         self._chains = range(len(relations.of_chain))
         self._blocks = blocks
         self._block_of = {unit: b for b, block in enumerate(blocks) for unit in block}
         nodes = relations.graph.tpg.chains
+        lasts = durations or [chain.duration for chain in nodes]
         self._cum = [
-            np.concatenate(
-                [[0.0], np.cumsum(nodes[u.chain].duration[u.first : u.stop])]
-            )
+            np.concatenate([[0.0], np.cumsum(lasts[u.chain][u.first : u.stop])])
             for u in self._units
         ]
         planned = [nodes[u.chain].planned_start[u.first : u.stop] for u in self._units]

@@ -21,7 +21,12 @@ from scheduling.conflicts.derived_tpg import DerivedTpg, OccupantConflicts
 from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.known_edges import connect_in_order
 from scheduling.ordering.relations import TaskRelations
-from scheduling.ordering.reordering import find_blocks, put_in_order
+from scheduling.ordering.reordering import (
+    WIDTH,
+    find_blocks,
+    put_in_order,
+    straight_durations,
+)
 from scheduling.shortcuts.shortcutting import smooth_spans
 from scheduling.shortcuts.static_scene import SmoothedPathCache
 
@@ -56,6 +61,7 @@ class PlanRater:
         cell: where it is built.
         settings: how tasks are turned into motions.
         shortcuts: whether paths will be taken past HOME.
+        straight: rate these by their straight lines, not by smoothed paths.
     """
 
     def __init__(
@@ -64,10 +70,11 @@ class PlanRater:
         settings: MotionSettings,
         *,
         shortcuts: bool = True,
+        straight: bool = False,
     ) -> None:
         self._cell, self._settings = cell, settings
-        self._shortcuts = shortcuts
-        self._conflicts = OccupantConflicts(kept=True)
+        self._shortcuts, self._straight = shortcuts, straight
+        self.conflicts = OccupantConflicts(kept=True)
         self._motions = MotionCache()
         self._smoothed = SmoothedPathCache(settings.seed)
 
@@ -95,8 +102,13 @@ class PlanRater:
             PlanInvariantError: the order that was found breaks a guarantee.
         """
         nodes = build_nodes(motions)
-        relations = TaskRelations(DerivedTpg(nodes), self._conflicts)
+        relations = TaskRelations(DerivedTpg(nodes), self.conflicts)
         blocks = find_blocks(nodes.chains, relations)
+        if self._straight and self._shortcuts:
+            durations = straight_durations(relations.graph, self._settings.speeds)
+            best = TaskOrderSearch(relations, blocks, durations).best_path(WIDTH)
+            makespan = max(best.clocks, default=0.0)
+            return RatedPlan(work, plan, motions, makespan, makespan)
         best = TaskOrderSearch(relations, blocks).best_path(_WIDTH)
         by_home = max(best.clocks, default=0.0)
         order = [blocks[b] for b in best.order()]
@@ -109,7 +121,7 @@ class PlanRater:
                 step=self._settings.step,
                 seed=self._settings.seed,
                 known=self._smoothed,
-                conflicts=self._conflicts,
+                conflicts=self.conflicts,
             )
         makespan = float(graph.rollout.makespan)
         return RatedPlan(work, plan, motions, by_home, makespan)

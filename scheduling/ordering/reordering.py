@@ -8,28 +8,38 @@ time. So a better order of tasks is searched, and the edges are rebuilt from the
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from planning.motion.speed import SpeedModel
 from planning.transforms import Array
 from scheduling.build_tpg import connect_nodes
-from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.conflicts.derived_tpg import DerivedTpg, OccupantConflicts
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.graph.windows import plan_cost
 from scheduling.ordering.beam_search import BLOCK_GAP_S, TaskOrderSearch
 from scheduling.ordering.relations import TaskRelations
+from scheduling.shortcuts.candidates import find_spans
 
-_WIDTH = 24
+WIDTH = 24
 """Beam width; three times as many paths find nothing better in the shipped scenarios."""
 
 
-def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+def reorder_tasks(
+    tpg: TemporalPlanGraph,
+    speeds: Mapping[str, SpeedModel] | None = None,
+    conflicts: OccupantConflicts | None = None,
+) -> TemporalPlanGraph:
     """Return a graph of the same nodes with a shorter makespan, or the same graph.
 
     Args:
         tpg: a graph that keeps its invariant.
+        speeds: speed model of each robot, where the makespan to shorten is that with transits as fast as
+            along straight lines, which shortcuts come close to; by default transits take as long as they
+            do. No difference where steps have time windows.
+        conflicts: what was found for other graphs of the same cell.
 
     Raises:
         PlanInvariantError: the result breaks the invariant, a fault of this program.
@@ -37,15 +47,39 @@ def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     if len(tpg.chains) < 2:
         return tpg
     graph = DerivedTpg(tpg)
-    relations = TaskRelations(graph)
+    relations = TaskRelations(graph, conflicts)
     blocks = find_blocks(tpg.chains, relations)
-    order = TaskOrderSearch(relations, blocks).best_path(_WIDTH).order()
+    straight = speeds is not None and not tpg.windows
+    durations = straight_durations(graph, speeds) if speeds and straight else None
+    order = TaskOrderSearch(relations, blocks, durations).best_path(WIDTH).order()
     if order == list(range(len(blocks))):
         return tpg
     chains = put_in_order(tpg.chains, relations, [blocks[b] for b in order])
     slots = np.empty(0, dtype=np.int64)
     again = connect_nodes(DerivedTpg(replace(tpg, chains=chains, slots=slots)))
-    return again if plan_cost(again) < plan_cost(tpg) else tpg
+    return again if straight or plan_cost(again) < plan_cost(tpg) else tpg
+
+
+def straight_durations(
+    graph: DerivedTpg, speeds: Mapping[str, SpeedModel]
+) -> list[Array]:
+    """Return the durations of the nodes of each chain if all transit spans were straight [s].
+
+    The nodes of a span keep their shares of its duration.
+
+    Args:
+        graph: with the nodes.
+        speeds: speed model of each robot.
+    """
+    durations = [chain.duration.copy() for chain in graph.tpg.chains]
+    for span in find_spans(graph):
+        chain, which = graph.tpg.chains[span.chain], slice(span.first, span.last + 1)
+        ends = chain.waypoints[chain.first[[span.first, span.last + 1]] - 1]
+        direct = speeds[chain.robot].duration(ends[0], ends[1])
+        lasts = float(durations[span.chain][which].sum())
+        if direct < lasts:
+            durations[span.chain][which] *= direct / lasts
+    return durations
 
 
 def find_blocks(

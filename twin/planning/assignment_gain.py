@@ -13,7 +13,7 @@ class AssignmentGain:
     Attributes:
         moves: assignments looked at.
         predicted_start_s: predicted makespan of the integer program's assignment [s].
-        predicted_s: least predicted makespan that was found [s].
+        predicted_s: that of the best rated assignment that was found, or the least if none was rated [s].
         rated_start_s, rated_s: makespans of both as they are rated, with motions and waits, None
             where no plan was worth that [s].
         taken: whether the plan is of the assignment that was found.

@@ -16,6 +16,7 @@ from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, SpeedModel
 from planning.tasks.highs_solver import assign_steps
 from planning.transforms import Indices
 from scheduling.build_tpg import build_tpg
+from scheduling.conflicts.derived_tpg import OccupantConflicts
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import plan_cost
 from scheduling.ordering.reordering import reorder_tasks
@@ -186,6 +187,8 @@ def shorten_plan(
     sidesteps: int = 0,
     seconds: float = 0.0,
     keep_slots: bool = False,
+    straight: bool = False,
+    conflicts: OccupantConflicts | None = None,
 ) -> TemporalPlanGraph:
     """Improve the task order and take shortcuts; the stage is shortcut.
 
@@ -200,10 +203,13 @@ def shorten_plan(
         seconds: for which shortcuts are tried by the clock of ``watch``, 0 for as long as they
             pay [s].
         keep_slots: leave the tasks in the slots of a synchronous plan, in their order.
+        straight: order tasks for straight transits, see ``reorder_tasks``.
+        conflicts: what was found for other plans of the same cell.
     """
     with watch.stage("shortcut"):
         watch.report(SHORTCUTS, 0, candidates)
-        orders = [tpg if keep_slots else reorder_tasks(tpg)]
+        speeds = settings.speeds if straight else None
+        orders = [tpg if keep_slots else reorder_tasks(tpg, speeds, conflicts)]
         if sidesteps and orders[0] is not tpg:
             # A detour via HOME can be faster at first and slower later.
             orders.append(tpg)

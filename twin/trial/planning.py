@@ -13,6 +13,7 @@ import numpy as np
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.tasks.task import TaskKind
 from scheduling.build_nodes import build_nodes
+from scheduling.conflicts.derived_tpg import OccupantConflicts
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.planned_motions import PlannedMotions
 from twin.host.progress import Report, StageWatch, report_nothing
@@ -54,9 +55,6 @@ CREWS, SEARCH = "who takes part", "shorter assignment"
 
 _NEAR = 0.05
 """Share of the makespan within which shortcuts may turn the ranks of the plans of two crews."""
-
-_CLOSE = 0.01
-"""Share within which they may turn those of two plans of the same robots."""
 
 _LEAST_GAIN = 0.01
 """Least share by which an assignment must be predicted to end sooner for its motions to be planned."""
@@ -181,8 +179,10 @@ def _wanted(
     candidates: int,
 ) -> PlanResult:
     """Return plans by their names for all products, from the motions of the best subset of robots."""
-    if chooses_robot_subset(case.sections) or searches_assignment(case.sections):
-        motions = _shortest(case, motions, watch).motions
+    promising = _promising_motions(case.sections, motions, watch)
+    motions = promising.motions[0]
+    if len(promising.motions) > 1:
+        motions = _best_coordinated(case, promising, watch).motions
     made = CoordinatedPlans(
         motions, case.sections, lambda: watch, candidates=candidates
     )
@@ -222,15 +222,24 @@ def _shortest(
     case: LoadedScenario, motions: PlannedMotions, watch: StageWatch
 ) -> PlanResult:
     """Return the shortest plan over assignments and subsets of robots, for the planned products."""
-    (first, *others), searched = _promising_motions(case.sections, motions, watch)
-    plan = _coordinated(case, first, watch)
-    for other in others:
-        plan = _shorter(plan, other, watch)
+    promising = _promising_motions(case.sections, motions, watch)
+    plan, searched = _best_coordinated(case, promising, watch), promising.searched
     idle = find_idle_robots(plan.tpg, motions, case.sections.kind)
     if searched is None:
         return replace(plan, idle=idle)
     taken = plan.motions is not motions and plan.motions.task_plan == searched.plan
     return replace(plan, idle=idle, search=replace(searched.gain, taken=taken))
+
+
+def _best_coordinated(
+    case: LoadedScenario, promising: _Promising, watch: StageWatch
+) -> PlanResult:
+    """Return the shortest of the plans of promising motions."""
+    first, *others = promising.motions
+    plan = _coordinated(case, first, watch, conflicts=promising.conflicts)
+    for other in others:
+        plan = _shorter(plan, other, watch)
+    return plan
 
 
 def _shorter(
@@ -264,6 +273,7 @@ class CoordinatedPlans:
         watch: returns a stopwatch for the stages that a plan adds to its base plan.
         candidates: shortcuts tried.
         keep_slots: leave the tasks of a plan in slots there when it is shortened.
+        conflicts: what was found for other plans of the same cell.
     """
 
     def __init__(
@@ -274,8 +284,10 @@ class CoordinatedPlans:
         *,
         candidates: int,
         keep_slots: bool = False,
+        conflicts: OccupantConflicts | None = None,
     ) -> None:
         self._motions, self._scenario, self._watch = motions, scenario, watch
+        self._conflicts = conflicts
         self._candidates, self._keep_slots = candidates, keep_slots
         self._made: dict[str, tuple[TemporalPlanGraph, Mapping[str, float]]] = {}
 
@@ -303,6 +315,8 @@ class CoordinatedPlans:
                     sidesteps=planned_sidesteps(self._scenario),
                     seconds=self._scenario.planning.shortcut_s,
                     keep_slots=self._keep_slots,
+                    straight=orders_by_straight_lines(self._scenario),
+                    conflicts=self._conflicts,
                 )
             elif name == IN_SLOTS:
                 always = self._scenario.planning.joint_planning == "always"
@@ -325,6 +339,7 @@ def _coordinated(
     first: PlannedMotions,
     watch: StageWatch,
     most: int = MOST_CANDIDATES,
+    conflicts: OccupantConflicts | None = None,
 ) -> PlanResult:
     """Return motions with their graph, ordered and shortened with a limited number of candidates."""
     scenario, turns = loaded.sections, None
@@ -335,6 +350,7 @@ def _coordinated(
         lambda: watch,
         candidates=candidates,
         keep_slots=scenario.execution.policy == "synchronous",
+        conflicts=conflicts,
     )
     name = AT_ONCE if assembly_kind(scenario.assembly).space_time else IN_TURNS
     if scenario.planning.coordination == "synchronous":
@@ -360,9 +376,17 @@ def chooses_robot_subset(scenario: Scenario) -> bool:
 
 def searches_assignment(scenario: Scenario) -> bool:
     """Return whether assignments are looked for that end sooner than that of the integer program."""
-    planning = scenario.planning
-    wanted = planning.assignment == "search" and planning.coordination == "sequential"
-    return wanted and scenario.kind.chooses_robots and "assignment search" in HOOKS
+    return orders_by_straight_lines(scenario) and "assignment search" in HOOKS
+
+
+def orders_by_straight_lines(scenario: Scenario) -> bool:
+    """Return whether tasks are ordered for transits along straight lines; not for plans in slots."""
+    planning, kind = scenario.planning, scenario.kind
+    if planning.coordination != "sequential" or not kind.chooses_robots:
+        return False
+    if planning.assignment == "auto":
+        return kind.searches_assignment
+    return planning.assignment == "search"
 
 
 @dataclass(frozen=True)
@@ -383,21 +407,40 @@ class _Searched:
         return None if self.rated is None else self.rated.task_plan
 
 
+@dataclass(frozen=True)
+class _Promising:
+    """Motions whose plans may be the shortest.
+
+    Attributes:
+        motions: best rated first.
+        searched: the searched assignment, None without a search.
+        conflicts: found when plans were rated; None where they are not needed again.
+    """
+
+    motions: list[PlannedMotions]
+    searched: _Searched | None = None
+    conflicts: OccupantConflicts | None = None
+
+
 def _promising_motions(
     scenario: Scenario, first: PlannedMotions, watch: StageWatch
-) -> tuple[list[PlannedMotions], _Searched | None]:
-    """Return motions of the integer program's plan, and of better rated ones, best rated first.
+) -> _Promising:
+    """Return motions of the integer program's plan, or of better rated ones.
 
-    Without shortcuts a graph is cheap, and those of all plans are compared.
+    A rating by straight lines decides. By smoothed paths it is less certain: those of all plans that are rated
+    almost as good are compared. Without shortcuts a graph is cheap, and those of all plans are compared.
     """
     from scheduling.ordering.plan_rating import PlanRater
     from scheduling.ordering.robot_subsets import rate_robot_subsets
 
     crews, searches = chooses_robot_subset(scenario), searches_assignment(scenario)
     if not (crews or searches) or (work := first.work) is None:
-        return [first], None
+        return _Promising([first])
     shortcuts = planned_shortcuts(scenario) > 0
-    rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
+    straight = orders_by_straight_lines(scenario)
+    rater = PlanRater(
+        first.cell, first.settings, shortcuts=shortcuts, straight=straight
+    )
     searched: _Searched | None = None
     others: list[RatedPlan] = []
     if searches:
@@ -406,7 +449,7 @@ def _promising_motions(
         if searched is not None and searched.rated is not None:
             others = [searched.rated]
     if not (crews or others):
-        return [first], searched
+        return _Promising([first], searched)
     stage = ("assignment", CREWS) if crews else ("assignment_search", SEARCH)
     with watch.stage(*stage):
         start = rater.rate_motions(work, first.task_plan, first.motion_plan)
@@ -417,38 +460,40 @@ def _promising_motions(
         gain = replace(searched.gain, rated_start_s=start.makespan_s)
         searched = replace(searched, gain=gain)
     found = sorted([*found, *others], key=lambda plan: plan.makespan_s)
-    near = _NEAR if crews else _CLOSE
-    longest = found[0].makespan_s * (1.0 + near) if shortcuts else np.inf
-    if shortcuts and not crews and found[0] is start:
-        # Shortcuts take most of the time of planning: not for a plan that is rated longer.
-        return [first], searched
-    return [
+    if straight and shortcuts:
+        found = found[:1]
+    longest = found[0].makespan_s * (1.0 + _NEAR) if shortcuts else np.inf
+    motions = [
         first if plan is start else _with_plan(scenario, first, plan)
         for plan in found
-        if (plan is start and crews) or plan.makespan_s <= longest
-    ], searched
+        if plan is start or plan.makespan_s <= longest
+    ]
+    return _Promising(motions, searched, rater.conflicts if straight else None)
 
 
 def _search_assignment(
     scenario: Scenario, first: PlannedMotions, work: Assembly, rater: PlanRater
 ) -> _Searched | None:
-    """Return the assignment that a search finds, rated where that may pay; None without a search."""
+    """Return the best rated assignment that a search finds, where one may pay; None without a search."""
     wanted = scenario.planning.assignment_moves
     moves = None if wanted == "auto" else wanted
     search = HOOKS.load("assignment search")
     found = search(first.cell, work, first.task_plan, first.settings, moves)
     if found is None:
         return None
-    rated = None
-    if found.predicted_s < found.start_s * (1.0 - _LEAST_GAIN):
-        rated = rater.rate(work, found.plan)
+    best, predicted_s = None, found.plans[0][0]
+    for seconds, plan in found.plans:
+        if seconds < found.start_s * (1.0 - _LEAST_GAIN):
+            rated = rater.rate(work, plan)
+            if rated and (best is None or rated.makespan_s < best.makespan_s):
+                best, predicted_s = rated, seconds
     gain = AssignmentGain(
         found.moves,
         found.start_s,
-        found.predicted_s,
-        rated_s=None if rated is None else rated.makespan_s,
+        predicted_s,
+        rated_s=None if best is None else best.makespan_s,
     )
-    return _Searched(gain, rated)
+    return _Searched(gain, best)
 
 
 def _with_plan(

@@ -16,7 +16,6 @@ from planning.construction.checks.moving_checks import (
 from planning.construction.checks.scene import Limits, StillBoxes, make_scene
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.fleet import make_loaded_robot
-from planning.construction.world.timeline import HandChange
 from planning.geometry.robot_bodies import (
     RobotBodies,
     cell_entities,
@@ -74,7 +73,7 @@ class SpaceTimeChecker:
         )
         mover = make_loaded_robot(placed, hand)
         others = [
-            (other, world.robots[other.name], _changes_but(world, other.name, held))
+            (other, world.robots[other.name], world.hands_without(held)[other.name])
             for other in cell.robots
             if other.name not in (robot, *without)
         ]
@@ -142,16 +141,6 @@ def _c(q: Array) -> Array:
     return np.array(q, dtype=np.float64)
 
 
-def _changes_but(
-    world: FixedWorld, robot: str, held: Collection[str]
-) -> list[HandChange]:
-    """Return the objects that a robot holds from each time on, without some of them."""
-    return [
-        (t, tuple((name, pose) for name, pose in hand if name not in held))
-        for t, hand in world.hands[robot]
-    ]
-
-
 def _held_by(world: FixedWorld, robot: str, t: float) -> dict[str, Attachment]:
     return {
         name: found
@@ -167,20 +156,22 @@ def _still_boxes(
 
     Held objects, and those that are gone before the start, are excluded.
     """
-    items = [item for item in world.cell.objects if item.name not in held]
-    placed = [
-        (item.shape.placed(item.name, rest.pose), rest)
-        for item in items
-        for rest in world.rests(item.name)
-        if rest.end > start
-    ]
-    boxes = stand_boxes(
-        world.cell.fixtures, [p for pieces, _ in placed for p in pieces]
-    )
-    always = np.full(boxes.fixtures, np.inf)
-    spans = [(rest.start, rest.end) for pieces, rest in placed for _ in pieces]
-    come, go = np.array(spans).reshape(-1, 2).T
-    return boxes, (np.append(-always, come), np.append(always, go))
+    key = frozenset(held), start
+    if key not in world.still_boxes:
+        placed = [
+            (pieces, rest)
+            for pieces, rest in world.pieces_at_rest
+            if rest.end > start and rest.object not in held
+        ]
+        boxes = stand_boxes(
+            world.cell.fixtures, [p for pieces, _ in placed for p in pieces]
+        )
+        always = np.full(boxes.fixtures, np.inf)
+        spans = [(rest.start, rest.end) for pieces, rest in placed for _ in pieces]
+        come, go = np.array(spans).reshape(-1, 2).T
+        times = np.append(-always, come), np.append(always, go)
+        world.still_boxes[key] = boxes, times
+    return world.still_boxes[key]
 
 
 def _box_limits(

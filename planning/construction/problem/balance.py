@@ -34,6 +34,7 @@ class SiteBalance:
         self._graph, self._carried = graph, carried
         self.standing = standing
         self._known: dict[tuple[str, _Placed], frozenset[str] | UnstableState] = {}
+        self._fell: set[str] = set()
         self._before: dict[_Placed, Mapping[str, frozenset[str]]] = {(): {}}
 
     def carriers(self, part: str) -> frozenset[str]:
@@ -51,7 +52,9 @@ class SiteBalance:
         """
         key = part, tuple(placed.items())
         if key not in self._known:
-            self._known[key] = self._look(part, key[1])
+            self._known[key] = found = self._look(part, key[1])
+            if isinstance(found, UnstableState):
+                self._fell.add(part)
         return self._known[key]
 
     def _look(self, part: str, placed: _Placed) -> frozenset[str] | UnstableState:
@@ -80,7 +83,9 @@ class SiteBalance:
         return {
             name: names[k + 1] if k + 1 < len(names) else None
             for k, name in enumerate(names)
-            if isinstance(self._known.get((name, placed[:k])), UnstableState)
+            # A look-up takes time in proportion to the parts before; few parts ever fall.
+            if name in self._fell
+            and isinstance(self._known.get((name, placed[:k])), UnstableState)
         }
 
     def _closure(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from planning.cell.shape import Placed
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.world.fleet import LoadedRobot
@@ -30,6 +31,7 @@ from planning.construction.world.tracks import (
     build_tracks,
     sweep_track,
 )
+from planning.geometry.standing import StandingBoxes
 from planning.handling.skill_contacts import NOTHING
 from planning.steps.skill import Pairs
 from planning.tasks.task import Handling
@@ -177,6 +179,39 @@ class FixedWorld:
         """The objects that each robot holds over time."""
         held = held_objects_over_time(self.objects)
         return {name: held.get(name, [(-np.inf, ())]) for name in self.robots}
+
+    def hands_without(self, names: Collection[str]) -> Mapping[str, list[HandChange]]:
+        """Return the objects that each robot holds over time, without some of them."""
+        key = frozenset(names)
+        if key not in self._hands_without:
+            self._hands_without[key] = {
+                robot: [
+                    (t, tuple((name, at) for name, at in hand if name not in key))
+                    for t, hand in changes
+                ]
+                for robot, changes in self.hands.items()
+            }
+        return self._hands_without[key]
+
+    @cached_property
+    def _hands_without(
+        self,
+    ) -> dict[frozenset[str], Mapping[str, list[HandChange]]]:
+        return {}
+
+    @cached_property
+    def pieces_at_rest(self) -> list[tuple[list[Placed], TimedRest]]:
+        """All rests of objects, each with the pieces of the object at its pose."""
+        return [
+            (item.shape.placed(item.name, rest.pose), rest)
+            for item in self.cell.objects
+            for rest in self.rests(item.name)
+        ]
+
+    @cached_property
+    def still_boxes(self) -> dict[Hashable, tuple[StandingBoxes, tuple[Array, Array]]]:
+        """Boxes of obstacles of a robot, and when each appears and disappears, by what it holds and its start."""
+        return {}
 
     @property
     def end(self) -> float:

@@ -231,9 +231,16 @@ class BrickWorld:
 
     def standing(self, number: int) -> StandingBoxes:
         """Return the fixtures, the stock at rest and the goals of the steps before one."""
-        done = len(self._goals) - number + 1
-        boxes = self.all_standing
-        return boxes.first(len(boxes.names) - done)
+        if number not in self._latest_standing:
+            boxes, done = self.all_standing, len(self._goals) - number + 1
+            self._latest_standing.clear()
+            self._latest_standing[number] = boxes.first(len(boxes.names) - done)
+        return self._latest_standing[number]
+
+    @cached_property
+    def _latest_standing(self) -> dict[int, StandingBoxes]:
+        """What stands in the step that was asked for last, which all skills of the step share."""
+        return {}
 
     @cached_property
     def all_standing(self) -> StandingBoxes:

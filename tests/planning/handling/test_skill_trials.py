@@ -123,6 +123,25 @@ def test_going_on_is_starting_all_over_again(
     assert trial.gone == gone
 
 
+@settings(max_examples=15, deadline=None)
+@given(
+    bricks,
+    st.booleans(),
+    st.lists(st.floats(-0.05, 0.05), min_size=2, max_size=3),
+)
+def test_paths_that_share_checkers_are_checked_as_if_alone(
+    where: Sequence[tuple[float, float, float, float]],
+    change: bool,
+    shifts: Sequence[float],
+) -> None:
+    """What earlier paths of a scene came near to does not change what blocks a later one."""
+    scene, path = scene_on_the_way(where, change=change)
+    for shift in shifts:
+        other = replace(path, path=path.path + shift)
+        alone = find_obstruction(other, replace(scene))
+        assert find_obstruction(other, scene) == alone
+
+
 @pytest.mark.parametrize("change", [False, True])
 def test_what_is_in_the_way_is_found_and_taken_away(change: bool) -> None:
     scene, path = scene_on_the_way([(0.5, 0, 0, 0), (2.5, 0, 0, 0)], change=change)

@@ -22,11 +22,17 @@ from scheduling.graph.barriers import with_barriers
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.graph.windows import plan_cost
-from scheduling.ordering import synchronous
 from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.known_edges import connect_in_order
 from scheduling.ordering.relations import TaskRelations
-from scheduling.ordering.reordering import find_blocks, put_in_order, reorder_tasks
+from scheduling.ordering.reordering import (
+    find_blocks,
+    put_in_order,
+    reorder_tasks,
+    straight_durations,
+)
+from scheduling.shortcuts.candidates import find_spans
+from scheduling.synchronous import synchronous_plan as synchronous
 from scheduling.synchronous.synchronous_plan import (
     SynchronousPlan,
     TaskConflicts,
@@ -146,6 +152,44 @@ def test_the_search_knows_when_everyone_will_be_done(seed: int) -> None:
     chains = put_in_order(tpg.chains, relations, [blocks[b] for b in best.order()])
     rollout = earliest_times(_connected(tpg, chains))
     assert best.clocks == pytest.approx([end[-1] for end in rollout.end])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_order_for_straight_transits_is_the_best_there_is(seed: int) -> None:
+    tpg = build_tpg(random_plan(2, 13 + seed, rounds=4, step=0.3))
+    relations, blocks, _ = _parts(tpg)
+    speeds = {robot.name: L1Speed() for robot in tpg.cell.robots}
+    durations = straight_durations(relations.graph, speeds)
+    for span in find_spans(relations.graph):
+        nodes, own = tpg.chains[span.chain], durations[span.chain]
+        start = nodes.waypoints[nodes.first[span.first] - 1]
+        end = nodes.waypoints[nodes.first[span.last + 1] - 1]
+        lasts = own[span.first : span.last + 1].sum()
+        assert lasts == pytest.approx(np.abs(end - start).sum())
+        assert lasts <= nodes.duration[span.first : span.last + 1].sum() + 1e-9
+
+    def straight(order: Sequence[tuple[int, ...]]) -> float | None:
+        if _makespan(tpg, relations, order) is None:
+            return None
+        graph = _connected(tpg, put_in_order(tpg.chains, relations, order))
+        chains = zip(graph.chains, durations, strict=True)
+        quick = tuple(replace(chain, duration=own) for chain, own in chains)
+        return float(earliest_times(replace(graph, chains=quick)).makespan)
+
+    best = TaskOrderSearch(relations, blocks, durations).best_path(width=50)
+    found = straight([blocks[b] for b in best.order()])
+    assert max(best.clocks) == pytest.approx(found)
+    every = [
+        straight([(unit,) for unit in order])
+        for order in _interleavings(relations.of_chain)
+    ]
+    assert found == pytest.approx(min(each for each in every if each is not None))
+    again = reorder_tasks(tpg, speeds)
+    quick = tuple(
+        replace(chain, duration=own)
+        for chain, own in zip(again.chains, durations, strict=True)
+    )
+    assert earliest_times(replace(again, chains=quick)).makespan == pytest.approx(found)
 
 
 def test_orders_get_better_at_all() -> None:

@@ -193,7 +193,7 @@ PILE = """\
     - {brick: 2x4, at: [23, 22, 2]}
     - {brick: 2x4, at: [23, 22, 3]}
     - {brick: 2x4, at: [23, 22, 4]}
-planning: {shortcut_candidates: 0}
+planning: {shortcut_candidates: 0, assignment: paper}
 """
 
 

@@ -71,6 +71,7 @@ class LegoKind(AssemblyKind):
     included: ClassVar = {"structure": StructureSection}
     default_speed_model = "l1"
     chooses_robots = True
+    searches_assignment = True
 
     section: LegoSection
 

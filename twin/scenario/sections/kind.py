@@ -69,6 +69,7 @@ class AssemblyKind(Protocol):
         default_speed_model: speed model of a plan whose scenario gives none.
         tries_sidesteps: whether sidesteps are tried where the scenario does not say.
         chooses_robots: whether fewer robots may do the steps than there are, where that shortens the plan.
+        searches_assignment: whether an assignment is searched where the scenario does not say.
         changes_tools: whether robots may change their tools.
         allows_deviation: whether force control may deviate from the reference path.
     """
@@ -78,6 +79,7 @@ class AssemblyKind(Protocol):
     default_speed_model: ClassVar[SpeedModelName] = "limits"
     tries_sidesteps: ClassVar[bool] = False
     chooses_robots: ClassVar[bool] = False
+    searches_assignment: ClassVar[bool] = False
     changes_tools: ClassVar[bool] = False
     allows_deviation: ClassVar[bool] = True
 

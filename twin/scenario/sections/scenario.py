@@ -92,8 +92,9 @@ class PlanningSection(Section):
         planner: what finds paths of transits, by its name in the registry: ``rrt-connect``, or one that a package or a
             script adds.
         attempts: transit searches, each longer than the one before, until the planner gives up.
-        assignment: ``paper`` takes the assignment of the integer program, as APEX-MR does; ``search`` looks for ones
-            that are predicted to end sooner as well, and takes the one whose plan does.
+        assignment: ``search`` looks for an assignment that is predicted to end sooner than that of the integer
+            program, and orders tasks for straight transits; ``paper`` takes that of the program, as APEX-MR does;
+            ``auto`` searches for LEGO structures.
         assignment_moves: assignments that ``search`` looks at; ``auto`` goes by the number of steps.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
             into slots in which robots move at once.
@@ -120,7 +121,7 @@ class PlanningSection(Section):
     step_s: Annotated[float, Field(ge=0.001, le=10)] = 0.05
     planner: Annotated[Name, AfterValidator(_registered_planner)] = "rrt-connect"
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
-    assignment: Literal["paper", "search"] = "paper"
+    assignment: Literal["auto", "paper", "search"] = "auto"
     assignment_moves: Annotated[int, Field(ge=1, le=1_000_000)] | Literal["auto"] = (
         "auto"
     )
