@@ -223,6 +223,7 @@ HOOKS = Group(
         "plan warnings": "twin.warnings.plan_warnings:plan_warnings",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explorations.designs:begin_named_design",
+        "corners": "scheduling.corners.corners:round_corners",
         "synchronous plan": "scheduling.synchronous.synchronous_plan:plan_synchronous",
         "assignment search": "planning.assignment_search.search:search_assignments",
         "makespan bound": "planning.makespan_bound.makespan_bound:makespan_bound_s",
