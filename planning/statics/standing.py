@@ -95,6 +95,8 @@ class StabilityChecker:
         bodies: everything that may be there, by name.
         ground: what never moves, by name.
         rules: friction, tilt, and what touches.
+        patches: contacts by pair of names, where they are known: the second is a body, the first one or of the
+            ground; by default those of the convex pieces.
     """
 
     def __init__(
@@ -102,6 +104,7 @@ class StabilityChecker:
         bodies: Mapping[str, PlacedBody],
         ground: Mapping[str, PlacedBody],
         rules: StandingRules | None = None,
+        patches: Mapping[tuple[str, str], tuple[ContactPatch, ...]] | None = None,
     ) -> None:
         self.rules = rules or StandingRules()
         self.bodies = bodies
@@ -109,12 +112,18 @@ class StabilityChecker:
         self._all = {**bodies, **ground}
         self._known: dict[_State, str | None] = {}
         self._boxes = {name: _boxes(body) for name, body in self._all.items()}
-        self.patches: dict[tuple[str, str], tuple[ContactPatch, ...]] = {}
+        self._given = patches
+        self.patches = dict(patches or {})
         """Contacts by pair of names; the second is a body, the first one or of the ground."""
         self._between: dict[Joint, tuple[ContactPatch, ...]] = {}
         joints, room = list(self.rules.joints), self.rules.joined_within
         touch = self.rules.touch
-        for pair in (*product(ground, bodies), *combinations(bodies, 2)):
+        pairs = (
+            ()
+            if patches is not None
+            else (*product(ground, bodies), *combinations(bodies, 2))
+        )
+        for pair in pairs:
             near = self._contacts(*pair, max(touch, room))
             if found := tuple(patch for patch in near if patch.gap <= touch):
                 self.patches[pair] = found
@@ -125,7 +134,7 @@ class StabilityChecker:
 
     def __reduce__(self) -> tuple[type[StabilityChecker], tuple[Any, ...]]:
         """Return the constructor arguments for another process; solvers and results stay here."""
-        return StabilityChecker, (self.bodies, self._ground, self.rules)
+        return StabilityChecker, (self.bodies, self._ground, self.rules, self._given)
 
     def touching(self) -> nx.Graph[str]:
         """Return which bodies touch each other in their places, without the ground."""
