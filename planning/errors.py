@@ -60,7 +60,7 @@ class FittingError(RobotModelError):
     """A change that a cell makes to a robot does not fit it.
 
     Attributes:
-        key: what is at fault: ``tool``, ``flange``, ``limits``, ``joints`` or ``base_error``.
+        key: key of the robot at fault, such as ``tool``, ``flange``, ``limits`` or ``joints``.
     """
 
     def __init__(

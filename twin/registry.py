@@ -224,11 +224,14 @@ HOOKS = Group(
         "plan warnings": "twin.warnings.plan_warnings:plan_warnings",
         "driven cell": "twin.page.driven:DrivenCell",
         "design": "twin.explorations.designs:begin_named_design",
+        "corners": "scheduling.corners.corners:round_corners",
         "synchronous plan": "scheduling.synchronous.synchronous_plan:plan_synchronous",
         "assignment search": "planning.assignment_search.search:search_assignments",
         "makespan bound": "planning.makespan_bound.makespan_bound:makespan_bound_s",
         "other arms": "twin.shared_bodies.arms:without_other_arms",
         "shared bodies": "twin.shared_bodies.fixtures:mount_on_shared_bodies",
+        "described robot": "planning.vendor_files.described_robot:described_robot",
+        "description file": "planning.vendor_files.xacro_file:description_file",
     },
 )
 """Functions of optional parts that the core calls where they are installed."""

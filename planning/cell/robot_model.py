@@ -45,6 +45,11 @@ class LinkPart:
     group: str
     body: ConvexBody
 
+    @property
+    def link(self) -> str:
+        """Name of its link in the description."""
+        return self.body.name.rpartition("_")[0]
+
 
 @dataclass(frozen=True)
 class ToolGrip:
@@ -122,12 +127,15 @@ class RobotModel:
         frames: named tool frames, each a pose in the flange frame.
         parts: everything that can be touched.
         never_collide: pairs of part indices (low, high) exempt from self-collision: the same
-            joint, neighbours in the chain, or pairs that no configuration brings together.
+            joint, neighbours in the chain, pairs that no configuration brings together, or
+            pairs of links in ``ignored_contacts``.
         home: a collision-free configuration, shape (n,).
         flange_link: the link of the description whose frame the flange is.
         grip: how its tool holds; None where the description does not tell.
         drives: limits of its drives; None where unknown.
         inertias: of its links and its tool, from its description; None where unknown.
+        ignored_contacts: pairs of links, by name, that its maker or the cell exempts from
+            self-collision checks.
     """
 
     name: str
@@ -147,6 +155,7 @@ class RobotModel:
     grip: ToolGrip | None = None
     drives: DriveLimits | None = None
     inertias: LinkInertias | None = None
+    ignored_contacts: frozenset[tuple[str, str]] = frozenset()
 
     @property
     def dof(self) -> int:

@@ -23,10 +23,10 @@ from planning.construction.world.fleet import (
 from planning.construction.world.tracks import Tracks
 from planning.geometry.distance import are_boxes_apart
 from planning.geometry.exact import TOLERANCE
-from planning.geometry.moving_pairs import are_pairs_apart, write_near_pairs
 from planning.geometry.robot_bodies import cell_entities, limits_of_entities
 from planning.geometry.separation import Scratch, make_scratch_for
 from planning.geometry.swept import SKIP
+from planning.joint_motion.moving_pairs import are_pairs_apart, write_near_pairs
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import packed
 from planning.steps.skill import Pairs

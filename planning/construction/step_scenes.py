@@ -15,9 +15,9 @@ from planning.construction.checks.checker import SpaceTimeChecker, straight_runs
 from planning.construction.problem.problem import ConstructionProblem, Hold, Part
 from planning.construction.world.fixed_world import FixedWorld, with_part_at_rest
 from planning.construction.world.timeline import RobotTimeline
-from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.robot_bodies import entity_name
 from planning.handling.skill_contacts import grip_contact
+from planning.joint_motion.moving_pairs import MovingPair
 from planning.motion.sequential import MARGIN
 from planning.steps.skill import Pairs
 from planning.transforms import Array

@@ -98,6 +98,17 @@ class ChoiceReader:
             for task, _ in self._waits([before, then]):
                 self._awaited[task.step] = task.kind
 
+    @property
+    def ends_elsewhere(self) -> frozenset[int]:
+        """Numbers of the robots whose last task in the plan does not end at HOME."""
+        last = {task.robot: task for step in self._planned for task in step.tasks}
+        return frozenset(
+            k
+            for k, robot in enumerate(self._cell.robots)
+            if robot.name in last
+            and not np.array_equal(last[robot.name].path[-1], robot.home)
+        )
+
     def read(self, choice: StepChoice) -> ChoiceTimes:
         """Return the least times of a choice."""
         k = choice.step

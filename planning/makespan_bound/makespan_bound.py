@@ -15,7 +15,7 @@ no plan longer that uses objects once: a lower bound for all prices that are not
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +64,8 @@ def makespan_bound_s(
 ) -> float | None:
     """Return a lower bound of the makespan at nominal durations over all choices [s].
 
-    It holds for every plan in which each robot executes its tasks in the order of the steps.
+    It holds for every plan in which each robot executes its tasks in the order of the steps. Robots return to HOME where
+    they do in the given plan.
 
     Args:
         cell: where it is built.
@@ -87,7 +88,7 @@ def makespan_bound_s(
         turning = ~robot.model.chain.prismatic
         return least_seconds(settings.speeds[robot.name], turning, apart)
 
-    schedules = PricedSchedules(times, homes, seconds)
+    schedules = PricedSchedules(times, homes, seconds, reader.ends_elsewhere)
     return raised_bound(schedules, work.problem.unlimited)
 
 
@@ -164,8 +165,9 @@ class PricedSchedules:
 
     Args:
         times: least times of the choices, in the order of the steps.
-        homes: where each robot begins and ends, shape (n,) [rad or m].
+        homes: where each robot begins and, as a rule, ends, shape (n,) [rad or m].
         seconds: least times of the motions of a robot, by its number, from differences of configurations.
+        ends_elsewhere: numbers of the robots that do not return to HOME.
 
     Attributes:
         objects: names of the objects, in the order of their prices.
@@ -177,6 +179,7 @@ class PricedSchedules:
         times: Sequence[ChoiceTimes],
         homes: Sequence[Array],
         seconds: LeastSeconds,
+        ends_elsewhere: Collection[int] = (),
     ) -> None:
         self._seconds = seconds
         self._ends = [NumberedConfigurations(home) for home in homes]
@@ -185,7 +188,10 @@ class PricedSchedules:
         for item in times:
             found[item.choice.step].append(item)
         self.steps = [self._step(found[step]) for step in sorted(found)]
-        self._back = [self._travel(k, home[None])[0] for k, home in enumerate(homes)]
+        self._back = [
+            self._travel(k, home[None])[0] * (k not in ends_elsewhere)
+            for k, home in enumerate(homes)
+        ]
 
     def shortest(self, prices: Array, most: int) -> tuple[float, Indices]:
         """Return the least makespan plus prices of repeated uses, or less [s], and how often its schedule uses each object.

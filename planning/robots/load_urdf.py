@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -76,8 +78,14 @@ def load_urdf(
     lower = read_only_copy([joint.lower for joint in joints])
     upper = read_only_copy([joint.upper for joint in joints])
     chain = _chain(description, model)
-    parts = _parts(model, geometry, set(hanging))
+    _require_all_shapes(root, geometry, path)
+    parts = _parts(model, geometry, set(hanging), path)
+    ignored = frozenset(known.ignored)
     home = np.zeros(len(lower)) if known.home is None else known.home
+    if len(home) != len(lower):
+        raise RobotModelError(
+            f"{path} has {len(lower)} joints that move, and {len(home)} values of HOME"
+        )
     rest = np.clip(home, lower, upper)
     speeds = known.velocity or [joint.velocity for joint in joints]
     return RobotModel(
@@ -92,12 +100,18 @@ def load_urdf(
         flange=read_only_copy(flange),
         frames={key: read_only_copy(pose) for key, pose in frames.items()},
         parts=parts,
-        never_collide=never_colliding_pairs(chain, parts, lower, upper, rest),
+        never_collide=never_colliding_pairs(chain, parts, lower, upper, rest)
+        | {
+            (i, j)
+            for (i, a), (j, b) in combinations(enumerate(parts), 2)
+            if not ignored.isdisjoint({(a.link, b.link), (b.link, a.link)})
+        },
         home=read_only_copy(rest),
         flange_link=flange_name,
         grip=known.grip,
         drives=_drives(root, description, known, set(hanging)),
         inertias=_inertias(model),
+        ignored_contacts=ignored,
     )
 
 
@@ -170,7 +184,20 @@ def _chain(description: UrdfFile, model: Any) -> KinematicChain:
     )
 
 
-def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
+def _require_all_shapes(root: Element, geometry: Any, path: Path) -> None:
+    """Check that no collision shape is missing: the parser drops all of a link with an element that it cannot read."""
+    found = Counter(item.name.rpartition("_")[0] for item in geometry.geometryObjects)
+    for link in root.findall("link"):
+        name = str(link.get("name"))
+        if found[name] != len(link.findall("collision")):
+            raise RobotModelError(
+                f"{path}: link {name!r}: its <inertial>, a <visual> or a <collision> cannot be read"
+            )
+
+
+def _parts(
+    model: Any, geometry: Any, tool: set[str], path: Path
+) -> tuple[LinkPart, ...]:
     joints, groups, hulls = [], [], []
     for item in geometry.geometryObjects:
         local = shape_vertices(item.geometry, item.name)
@@ -179,7 +206,9 @@ def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
         groups.append("tool" if model.frames[item.parentFrame].name in tool else "arm")
         joints.append(item.parentJoint - 1)
     if not hulls:
-        raise RobotModelError(f"{model.name} has no collision geometry")
+        raise RobotModelError(
+            f"{path} has no collision geometry: no <collision> shapes"
+        )
     covers: dict[int, Capsules] = {}
     # Tools work at close range: more capsules there spare exact decisions.
     for group, thrift in (("tool", 0.2), ("arm", 0.5)):

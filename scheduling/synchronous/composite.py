@@ -13,8 +13,8 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from planning.cell.workcell import Workcell, WorldState
-from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
+from planning.joint_motion.moving_pairs import MovingPair
 from planning.motion.motion_plan import TaskMotion
 from planning.motion.speed import SpeedModel
 from planning.tasks.task import AllowedContact, allowed_pairs

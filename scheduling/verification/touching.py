@@ -118,7 +118,8 @@ def self_contact_problems(
     """Yield nodes with self-collision of a robot, or contact with its load.
 
     Parts of neighbouring joints touch by design, and those that overlap at HOME only do so because
-    hulls are larger than what they contain. What is on the last joint moves with the load.
+    hulls are larger than what they contain. Pairs of links that the description exempts are left out.
+    What is on the last joint moves with the load.
 
     Args:
         robot: its pieces, parts and loads.
@@ -130,9 +131,10 @@ def self_contact_problems(
     loads = [body for body in robot.bodies if body.load]
     home = reference.joint_frames_along(robot.home[None])[0]
     everything = np.arange(len(robot.pieces))
-    for first, second in combinations([body.motions[0].part for body in parts], 2):
+    numbered = enumerate(body.motions[0].part for body in parts)
+    for (i, first), (j, second) in combinations(numbered, 2):
         x, y = sorted((first, second), key=lambda part: part.joint)
-        if y.joint - x.joint <= 1:
+        if y.joint - x.joint <= 1 or (i, j) in reference.ignored:
             continue
         if measure(x, home[x.joint + 1], y, home[y.joint + 1]) <= 0.0:
             continue

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,8 @@ import pinocchio
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
+from planning.robots.descriptions.fitting import ignored_pairs
+from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform
 from scheduling.witness.parts import ConvexPart
@@ -52,6 +56,7 @@ class WitnessRobot:
         parts: its convex bodies.
         links: name of the link that each of them belongs to.
         flange: pose of the flange in the frame of the last joint, shape (4, 4).
+        ignored: pairs of indices of parts (low, high) whose links its description exempts from checks.
 
     Raises:
         RobotModelError: the description cannot be read, or has other joints.
@@ -95,6 +100,15 @@ class WitnessRobot:
             )
             # pinocchio names shapes "<link>_<number>".
             self.links.append(item.name.rsplit("_", 1)[0])
+        self.ignored = self._ignored_parts(placed.model.urdf)
+
+    def _ignored_parts(self, path: Path) -> frozenset[tuple[int, int]]:
+        pairs = set(map(frozenset, ignored_pairs(read_xml(path))))
+        return frozenset(
+            (i, j)
+            for (i, a), (j, b) in combinations(enumerate(self.links), 2)
+            if frozenset((a, b)) in pairs
+        )
 
     def state(self, q: Array) -> Array:
         """Return a configuration, shape (n,), in pinocchio's form.

@@ -11,8 +11,8 @@ import pytest
 from planning.cell.workcell import PoseError, Workcell, WorldState
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import place_at_middle
-from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
+from planning.joint_motion.moving_pairs import MovingPair
 from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import AllowedContact
 from planning.transforms import Array, translation

@@ -12,10 +12,10 @@ from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.corners.bends import NodesLeft, TransitRun, find_runs
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import assign_node_times, stretch_numbers
 from scheduling.pace import paces
-from scheduling.shortcuts.bends import NodesLeft, TransitRun, find_runs
 from scheduling.shortcuts.candidates import TransitSpan
 from scheduling.shortcuts.rewiring import rewire
 from tests.twin.twin_toys import random_tpg

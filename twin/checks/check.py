@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.checks.finding import CheckContext, Finding, Findings, FittedPart
+from twin.checks.ignored_contacts import check_ignored_contacts, exemption_notes
 from twin.checks.meshes import check_meshes
 from twin.checks.placements import (
     check_centres,
@@ -44,6 +45,7 @@ _GENERAL: tuple[Callable[[CheckContext], Findings], ...] = (
     check_starts,
     check_centres,
     check_descriptions,
+    check_ignored_contacts,
     check_flanges,
     check_tool_frames,
     check_openings,
@@ -78,12 +80,14 @@ class CheckReport:
         document: the file, for line numbers.
         findings: findings in the order of the file, without repeats.
         fits: clearances of parts at their places; empty if there is an error.
+        notes: pairs of links that are not checked for collisions.
     """
 
     subject: CheckContext
     document: YamlDocument
     findings: tuple[Finding, ...]
     fits: tuple[FittedPart, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -127,7 +131,12 @@ class CheckReport:
                 }
             )
         fits = [fit.content() for fit in self.fits]
-        return {"ok": not self.errors, "findings": entries, "fits": fits}
+        return {
+            "ok": not self.errors,
+            "findings": entries,
+            "fits": fits,
+            "notes": list(self.notes),
+        }
 
 
 def check_scenario(
@@ -154,7 +163,7 @@ def check_scenario(
 
     ordered = tuple(sorted(dict.fromkeys(found), key=place))
     fits = () if any(item.error for item in found) else subject.checks.fits()
-    return CheckReport(subject, document, ordered, fits)
+    return CheckReport(subject, document, ordered, fits, exemption_notes(subject))
 
 
 def findings_without_reach(subject: CheckContext) -> list[Finding]:

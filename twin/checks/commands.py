@@ -52,6 +52,8 @@ def check(
         if not view.quiet:
             for fit in report.fits:
                 typer.echo(f"step {fit.step}: {fit.words}")
+            for note in report.notes:
+                typer.echo(note)
             typer.echo(f"{scenario}: {verdict(report)}")
             if picture is not None:
                 typer.echo(f"picture: {picture}")
@@ -72,7 +74,7 @@ def robots(
         str | None,
         typer.Argument(
             metavar="MODEL",
-            help="A name of the list, the URDF or MJCF file of a robot or a tool, or a"
+            help="A name of the list, the URDF, xacro or MJCF file of a robot or a tool, or a"
             " scenario, of which every robot is shown with its tool.",
         ),
     ] = None,
@@ -86,6 +88,12 @@ def robots(
     flange: Annotated[
         str | None,
         typer.Option(metavar="LINK", help="The link that is the flange."),
+    ] = None,
+    xacro: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE", help="An argument of a description in xacro."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -103,7 +111,8 @@ def robots(
         return
     from twin.checks.robot_sheet import robot_sheets
 
-    sheets = robot_sheets(model, _values(hold or []), flange)
+    arguments = dict(text.partition("=")[::2] for text in xacro or [])
+    sheets = robot_sheets(model, _values(hold or []), flange, arguments)
     pictures = {sheet.title: _draw(sheet.picture, out) for sheet in sheets}
     if as_json:
         print_json(
@@ -172,7 +181,7 @@ def _print_list(as_json: bool) -> None:
     heads = ("name", "joints", "what it is", "description from", "licence")
     _print_table(_table(heads, table))
     typer.echo(
-        "Any other robot: give `model:` the path of its URDF or MJCF file; twin robots FILE shows what is"
+        "Any other robot: give `model:` the path of its URDF, xacro or MJCF file; twin robots FILE shows what is"
         " in it."
     )
 

@@ -146,8 +146,8 @@ def _tool_links(root: Element, model: RobotModel) -> set[str]:
 
 def _left_out(root: Element) -> list[str]:
     return [
-        f"collision shapes of link {link.get('name')!r} ({kinds.replace(' ', ', ')}) have a size of 0 or no"
-        " triangles: nothing can touch them"
+        f"collision shapes of link {link.get('name')!r} ({kinds.replace(' ', ', ')}) have a size of 0, no"
+        " triangles or no geometry: nothing can touch them"
         for link in root.findall("link")
         if (kinds := link.get(EMPTY))
     ]

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.registry import ROBOTS, robot_model
 from planning.timing.torque import explain_unchecked_efforts
 from planning.transforms import Array, Transform, identity, inverse
+from twin.checks.ignored_contacts import exemption_words, overlap_words
 from twin.checks.overview import LinkRow, Overview, robot_overview
 from twin.checks.tools import finger_gap, frame_warnings
 from twin.checks.views import (
@@ -36,6 +38,8 @@ from twin.checks.views import (
 )
 from twin.drawing.pictures import INK, new_picture
 from twin.host.atomic_files import save_png
+from twin.planning.fitted_robots import described_model
+from twin.registry import HOOKS
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
 _VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), Viewpoint.from_side())
@@ -44,6 +48,8 @@ _CARRIER = "iiwa14"
 """Robot on which a tool is mounted to look at it."""
 
 _TOOL = "tool"
+
+_NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 
 Rows = Sequence[tuple[str, ...]]
 
@@ -187,7 +193,10 @@ class RobotSheet:
 
 
 def robot_sheets(
-    which: str, held: Mapping[str, float], flange: str | None
+    which: str,
+    held: Mapping[str, float],
+    flange: str | None,
+    xacro: Mapping[str, str] = _NO_ARGUMENTS,
 ) -> tuple[RobotSheet, ...]:
     """Return the sheets of a registered robot, of a file, or of the robots of a scenario.
 
@@ -195,6 +204,7 @@ def robot_sheets(
         which: a name, the path of a description, or that of a scenario.
         held: fixed joints and their values [rad or m]; not for scenarios.
         flange: the link that is the flange; not for scenarios.
+        xacro: arguments of a description in xacro.
 
     Raises:
         RobotModelError: it is neither a robot nor a tool; with both reasons.
@@ -202,8 +212,9 @@ def robot_sheets(
     """
     if which not in ROBOTS and Path(which).suffix.lower() in (".yaml", ".yml"):
         return _of_scenario(Path(which))
+    more = {"xacro": xacro} if xacro else {}
     try:
-        model = robot_model(which, None, Fitting(held=held, flange=flange))
+        model = described_model(which, Path(), Fitting(held=held, flange=flange), more)
     except RobotModelError as error:
         if which in ROBOTS:
             raise
@@ -211,9 +222,11 @@ def robot_sheets(
             given = GivenLimits(velocity=(1.0,))
             with suppress(RobotModelError):
                 fitting = Fitting(held=held, flange=flange, limits=given)
-                model = robot_model(which, None, fitting)
+                model = described_model(which, Path(), fitting, more)
                 return (_of_robot(model, str(model.name), error.message),)
         path = resolve_file_name(which, Path(), RobotModelError).resolve()
+        if "description file" in HOOKS:
+            path = HOOKS.load("description file")(path, xacro)
         if not path.is_file() or flange is not None:
             raise
         return (_of_tool(path, held, error),)
@@ -244,6 +257,8 @@ def _of_robot(model: RobotModel, title: str, no_speeds: str = "") -> RobotSheet:
     """Return the sheet of a robot; without speeds in its description, with the reason."""
     found = robot_overview(model)
     words = [f"{model.dof} joints; HOME {_list(model.home)} rad or m", *found.words]
+    words += exemption_words(model)
+    words += [f"doubtful: {text}" for text in overlap_words(model)]
     joints, rows = _joints(found)
     if no_speeds:
         words.append(f"no scenario can use it as it is: {no_speeds}")

@@ -40,7 +40,7 @@ _ASIDE = 0.25
 
 _NOWHERE = np.zeros(0)
 
-_HOME_KEYS = ("home_deg", "home_rad_or_m", "parked", "base")
+_HOME_KEYS = ("home_deg", "home_rad_or_m", "parked", "home", "base")
 
 
 def check_homes(subject: CheckContext) -> Findings:

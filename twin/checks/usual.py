@@ -73,6 +73,8 @@ _RANGES: Mapping[str, UsualRange] = {
     "duration_s": UsualRange(0.01, 172_800, "s", "standstills last seconds to hours"),
     "mtbf_s": UsualRange(60, 1e9, "s", "machines fail after hours to years", False),
     "mttr_s": UsualRange(1, 2_592_000, "s", "repairs take minutes to days"),
+    "repair_people": UsualRange(1, 50, "people", "a cell has some people for repairs"),
+    "PlannedStop.every_s": UsualRange(60, 2_592_000, "s", "breaks and maintenance are hours to weeks apart"),
     "at_s": UsualRange(0.01, 864_000, "s", "operations last hours or days"),
     "probability SkillFailure.parts": UsualRange(1e-9, 0.5, "", "work that fails more often than not is none"),
     "loses slips wrong beside": UsualRange(1e-9, 0.9, "", "failures are of several kinds"),

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import assign_node_times
-from scheduling.shortcuts.corners import round_corners
 from twin.host.progress import StageWatch
+from twin.registry import HOOKS
 from twin.scenario.sections.scenario import Scenario
 
 CORNERS = "corners"
-"""Name of the stage for progress displays."""
+"""Name of the stage for progress displays, and of the hook that rounds corners."""
 
 
 def time_parameterize(
@@ -26,6 +26,7 @@ def time_parameterize(
     limited = scenario.speed_model == "limits" and scenario.planning.corners == "smooth"
     ordered = len(tpg.edges) > 0 or len(tpg.chains) < 2
     if limited and ordered and not len(tpg.slots):
+        round_corners = HOOKS.require(CORNERS, "corners: smooth")
         with watch.stage("tpg", CORNERS):
             tpg = round_corners(tpg, progress=watch.reporter(CORNERS))
     return assign_node_times(tpg)

@@ -24,6 +24,8 @@ from planning.robots.descriptions.urdf_file import (
 )
 from planning.robots.descriptions.xml_files import search_folders
 from planning.robots.registry import ROBOTS
+from twin.planning.fitted_robots import DESCRIPTION_FILE
+from twin.registry import HOOKS
 from twin.scenario.sections.cell import CellSection, RobotSection
 
 _SAME = 1e-6
@@ -150,6 +152,8 @@ def _description(robot: RobotSection, folder: Path) -> Path | None:
     """Return the file of a robot, None where it is a registered one or not there."""
     try:
         path = resolve_file_name(robot.model, folder, RobotModelError).resolve()
+        if DESCRIPTION_FILE in HOOKS:
+            path = HOOKS.load(DESCRIPTION_FILE)(path, robot.xacro)
     except (OSError, ValueError, RobotModelError):
         return None
     return path if robot.model not in ROBOTS and is_file(path) else None

@@ -12,10 +12,9 @@ import numpy as np
 from planning.cell.body import ConvexBody
 from planning.cell.shape import Element, shape_of
 from planning.cell.workcell import Fixture, PlacedRobot
-from planning.robots.registry import robot_model
 from planning.robots.tool_shape import convex_hull_mesh
 from planning.transforms import read_only_copy
-from twin.planning.fitted_robots import robot_fitting
+from twin.planning.fitted_robots import model_with, robot_fitting
 from twin.scenario.sections.cell import CellSection, RobotSection
 from twin.shared_bodies.arms import arms_beside
 
@@ -55,11 +54,10 @@ def _shared_links(
 ) -> Iterator[Fixture]:
     """Yield the links that a robot shares with others, one fixture each."""
     fitting = robot_fitting(section, cell, folder)
-    whole = robot_model(
-        section.model, folder, replace(fitting, emptied=frozenset(), looks=False)
-    )
+    whole = replace(fitting, emptied=frozenset(), looks=False)
+    model = model_with(section, section.model, folder, whole)
     hulls: dict[str, list[ConvexBody]] = {}
-    for part in whole.parts:
+    for part in model.parts:
         if part.joint < 0:
             # pinocchio names shapes "<link>_<number>".
             hulls.setdefault(part.body.name.rpartition("_")[0], []).append(part.body)

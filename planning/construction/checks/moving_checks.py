@@ -22,8 +22,8 @@ from planning.construction.world.fleet import bodies_of, set_motion
 from planning.construction.world.tracks import pieces_at
 from planning.geometry.distance import are_boxes_apart
 from planning.geometry.hull_table import HullTable
-from planning.geometry.moving_pairs import are_pieces_apart
 from planning.geometry.swept import set_stretch, sweep_piece
+from planning.joint_motion.moving_pairs import are_pieces_apart
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import ROW, SharedKernel
 from planning.transforms import Array

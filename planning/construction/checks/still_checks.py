@@ -11,13 +11,13 @@ from numba import boolean, float64
 from planning.construction.checks.scene import MoverScene, sweep_stretch
 from planning.geometry.clearing import pose_joints_above
 from planning.geometry.distance import are_boxes_apart
-from planning.geometry.moving_pairs import are_pairs_apart
 from planning.geometry.separation import APART, check_hulls_continuously
 from planning.geometry.swept import (
     NOWHERE,
     deviation_bound_at_box,
     deviation_bound_where_meeting,
 )
+from planning.joint_motion.moving_pairs import are_pairs_apart
 from planning.kernels import ZERO, inner_kernel
 from planning.packed import ROW, SharedKernel
 from planning.transforms import Array

@@ -23,6 +23,9 @@ from planning.robots.descriptions.xml_files import (
 EMPTY = "empty"
 """Attribute of a link with the kinds of its collision shapes that have no volume and were left out."""
 
+_STL_TEXT = re.compile(rb"solid\b[^\n\r\0]*([\n\r]+\s*endsolid\b[^\n\r\0]*)?\s*")
+"""A text STL file that has no facet."""
+
 _OBJ_LINE = re.compile(rb"(#.*|(v|vn|vt|vp|l|p|o|g|s|mtllib|usemtl)\b.*)?\s*")
 """A line of an OBJ file that defines no face."""
 
@@ -38,12 +41,12 @@ def remove_empty_shapes(root: Element, dirs: Sequence[Path]) -> None:
 def find_empty_shapes(
     root: Element, dirs: Sequence[Path]
 ) -> list[tuple[Element, Element, Element]]:
-    """Return link, collision or visual, and form of each URDF shape without volume."""
+    """Return link, collision or visual, and form (the shape if it has none) of each URDF shape without volume."""
     return [
-        (link, shape, form)
+        (link, shape, shape if form is None else form)
         for link in root.findall("link")
         for shape in (*link.findall("collision"), *link.findall("visual"))
-        if (form := shape.find("geometry/*")) is not None and _is_empty(form, dirs)
+        if (form := shape.find("geometry/*")) is None or _is_empty(form, dirs)
     ]
 
 
@@ -76,7 +79,8 @@ def _has_triangles(path: Path) -> bool:
     kind, text = path.suffix.lower(), content.lstrip()
     if kind == ".stl":
         binary = len(content) == 84 and content[80:] == bytes(4)
-        return not (binary or (text.startswith(b"solid") and b"facet" not in text))
+        # The header of binary files, too, often begins with "solid".
+        return not (binary or _STL_TEXT.fullmatch(text))
     if kind == ".obj":
         lines = re.split(rb"[\r\n]+\s*", text)
         return not text or any(not _OBJ_LINE.fullmatch(line) for line in lines)

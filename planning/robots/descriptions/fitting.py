@@ -26,6 +26,9 @@ from planning.robots.descriptions.urdf_geometry import (
 from planning.robots.descriptions.xml_files import parse_number, parse_vector
 from planning.transforms import Array, Transform, identity, read_only_copy
 
+BY_HAND = "ignore_contacts"
+"""Reason of a pair of links that the cell exempts from self-collision checks."""
+
 _ELEMENT = "assembly_twin"
 _INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -84,6 +87,9 @@ class Fitting:
         removed: links of other robots in the same description, which are removed with all that hangs on them.
         emptied: links that the robot shares with those, whose shapes are fixtures of the cell.
         looks: whether these links are drawn with the robot.
+        ignored: pairs of links that self-collision checks skip, each with the reason.
+        home: HOME by joint, where none is known; used if it names all joints of the arm [rad or m].
+        proposed: links that are the flange where none is given and no link is called tool0.
     """
 
     tool: Tool | None = None
@@ -94,6 +100,9 @@ class Fitting:
     removed: frozenset[str] = frozenset()
     emptied: frozenset[str] = frozenset()
     looks: bool = False
+    ignored: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    home: Mapping[str, float] = field(default_factory=dict)
+    proposed: tuple[str, ...] = ()
 
     @property
     def is_nothing(self) -> bool:
@@ -122,6 +131,8 @@ def write_options(root: Element, options: UrdfOptions) -> None:
             grip.set("force_n", repr(float(options.grip.force)))
     for name, pose in (options.frames or {}).items():
         write_pose(SubElement(notes, "frame", name=name), pose)
+    for (first, second), why in options.ignored.items():
+        SubElement(notes, "ignored", first=first, second=second, why=why)
 
 
 def written_options(root: Element) -> UrdfOptions | None:
@@ -144,7 +155,7 @@ def written_options(root: Element) -> UrdfOptions | None:
     return UrdfOptions(
         home=None
         if home is None
-        else parse_vector(home, "home of a description", len(home.split())),
+        else parse_vector(home, "home of <assembly_twin>", len(home.split())),
         flange_link=notes.get("flange"),
         tool_links=None
         if tool is None
@@ -152,7 +163,16 @@ def written_options(root: Element) -> UrdfOptions | None:
         frames=frames or None,
         grip=None if grip is None else _grip(grip),
         payload=None if payload is None else parse_number(payload, "payload_kg"),
+        ignored=ignored_pairs(root),
     )
+
+
+def ignored_pairs(root: Element) -> dict[tuple[str, str], str]:
+    """Return the pairs of links of a written description that self-collision checks skip, with reasons."""
+    return {
+        (pair.get("first", ""), pair.get("second", "")): pair.get("why", "")
+        for pair in root.findall(f"{_ELEMENT}/ignored")
+    }
 
 
 def _grip(element: Element) -> ToolGrip:

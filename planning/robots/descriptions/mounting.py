@@ -6,7 +6,7 @@ description of a vendor.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
@@ -181,6 +181,7 @@ def fitted_description(
     dirs = search_folders(path, package_dirs)
     known = written_options(root) or options
     checked_tree(root, path, dirs, free_kinds(root))
+    links_before = _link_names(root)
     _take_off(root, fitting.removed, "", path)
     _empty(root, fitting.emptied, looks=fitting.looks)
     with _located_errors("joints", bool(fitting.held)):
@@ -192,7 +193,7 @@ def fitted_description(
     _complete_limits(root)
     arm = serial_chain(root, path, package_dirs)
     with _located_errors("flange", fitting.flange is not None):
-        flange = flange_link(arm, fitting.flange or known.flange_link)
+        flange = flange_link(arm, fitting.flange or known.flange_link, fitting.proposed)
     if fitting.flange in (None, known.flange_link):
         flange = _with_offset(root, flange, known.flange_offset)
     else:  # what is known of the tool is given in the frame of another flange
@@ -215,6 +216,10 @@ def fitted_description(
         known = replace(known, home=None)
     if fitting.limits.payload is not None:
         known = replace(known, payload=fitting.limits.payload)
+    if known.home is None and fitting.home.keys() >= {j.name for j in arm.joints}:
+        known = replace(known, home=tuple(fitting.home[j.name] for j in arm.joints))
+    ignored = _ignored_pairs(root, links_before, fitting.ignored)
+    known = replace(known, ignored={**known.ignored, **ignored})
     _tidy(root)
     write_options(root, replace(known, flange_link=flange))
     return root
@@ -248,6 +253,27 @@ def _hold_branches(
         raise FittingError(words, key="flange", choices=tuple(moved))
     with _located_errors("joints", True):
         hold_all_joints(root, path, {}, tree.joints_to(flange))
+
+
+def _link_names(root: Element) -> list[str]:
+    return [str(link.get("name")) for link in root.findall("link")]
+
+
+def _ignored_pairs(
+    root: Element, before: Sequence[str], given: Mapping[tuple[str, str], str]
+) -> dict[tuple[str, str], str]:
+    """Return the given pairs of links that are there; ``before`` are those before a tool was mounted.
+
+    Raises:
+        FittingError: a pair names a link that neither the robot nor its tool has.
+    """
+    now = _link_names(root)
+    for name in (name for pair in given for name in pair):
+        if name not in now and name not in before:
+            raise FittingError(
+                f"there is no link {name!r}", key="ignore_contacts", choices=tuple(now)
+            )
+    return {pair: why for pair, why in given.items() if set(pair) <= set(now)}
 
 
 @contextmanager

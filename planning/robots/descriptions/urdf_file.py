@@ -78,6 +78,7 @@ class UrdfOptions(GivenLimits):
         frames: tool frames in the flange frame; by default ``tool``, the frame of the last
             link that hangs on the flange.
         grip: how the tool holds; None where nothing is known.
+        ignored: pairs of links that self-collision checks skip, each with the reason.
     """
 
     name: str | None = None
@@ -88,6 +89,7 @@ class UrdfOptions(GivenLimits):
     tool_links: tuple[str, ...] | None = None
     frames: Mapping[str, Transform] | None = None
     grip: ToolGrip | None = None
+    ignored: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -293,8 +295,7 @@ def _reject_xacro(root: Element, path: Path) -> None:
     values = [v for part in parts for e in part.iter() for v in e.attrib.values()]
     if macros or any("${" in value or "$(" in value for value in values):
         raise RobotModelError(
-            f"{path} still holds xacro macros; expand it to plain URDF first "
-            "(xacro robot.urdf.xacro > robot.urdf)"
+            f"{path} still holds xacro macros; a file whose name ends in .xacro is expanded"
         )
 
 
@@ -387,11 +388,14 @@ def _drive(limit: Element, key: str, where: str) -> float:
     return math.inf
 
 
-def flange_link(description: UrdfFile, wanted: str | None) -> str:
+def flange_link(
+    description: UrdfFile, wanted: str | None, proposed: Collection[str] = ()
+) -> str:
     """Return the link whose frame is the flange.
 
-    That is what is asked for; else the link called ``tool0``, else the one called ``flange``,
-    with or without a prefix such as ``left_``; else the link that the last joint moves.
+    That is what is asked for; else the link called ``tool0``, with or without a prefix such as
+    ``left_``; else the first of the proposed ones on the last joint on which others hang; else the link called
+    ``flange``, likewise; else the link that the last joint moves.
 
     Raises:
         RobotModelError: what is asked for does not hang on the last joint.
@@ -405,13 +409,17 @@ def flange_link(description: UrdfFile, wanted: str | None) -> str:
                 choices=below,
             )
         return wanted
-    for name in _FLANGES:
-        if name in below:
-            return name
-        prefixed = [link for link in below if re.search(rf"[_./-]{name}$", link)]
-        if prefixed:
-            return prefixed[0]
-    return last
+    best, other = (
+        [link for link in below if link == name]
+        + [link for link in below if re.search(rf"[_./-]{name}$", link)]
+        for name in _FLANGES
+    )
+    said = [
+        link
+        for link in proposed
+        if link in below and len(description.fixed_below(link)) > 1
+    ]
+    return (*best, *said, *other, last)[0]
 
 
 def links_on_flange(description: UrdfFile, flange: str) -> tuple[str, ...]:

@@ -15,7 +15,10 @@ from planning.files import is_file, read_file, ros_folders
 # Some files have comments before their XML declaration.
 _DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)
 
-_ABOVE = 3
+_DEEPEST = 100
+"""Greatest depth of elements in elements."""
+
+_ABOVE = 6
 """Number of parent folders of a description in which meshes are searched."""
 
 # What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
@@ -52,10 +55,28 @@ def read_xml(path: Path) -> Element:
         content = read_file(path)
     except OSError as error:
         raise RobotModelError(f"{path} cannot be read: {error.strerror}") from None
-    builder, parser = TreeBuilder(), expat.ParserCreate()
+    return parse_xml(content, path)
+
+
+def parse_xml(content: bytes, path: Path) -> Element:
+    """Return the root of XML, with name prefixes kept; ``path`` is for messages."""
+    builder, parser, depth = TreeBuilder(), expat.ParserCreate(), 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _DEEPEST:
+            raise ValueError(f"elements are nested more than {_DEEPEST} deep")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
     parser.buffer_text = True
-    parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
     parser.CharacterDataHandler = builder.data
     try:
         # Some files end with a zero byte.

@@ -20,11 +20,11 @@ from planning.robots.registry import robot_model
 from planning.transforms import identity, translation
 from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.corners.corners import round_corners
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import assign_node_times
-from scheduling.shortcuts.corners import round_corners
 from tests.planning.robots.drawn_meshes import cone_obj
 from tests.planning.robots.test_robot_models import joint, write
 from tests.scheduling.mini_world import random_plan

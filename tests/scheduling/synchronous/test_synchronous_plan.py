@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell, WorldState
 from planning.errors import PlanInvariantError, TransitError
-from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
+from planning.joint_motion.moving_pairs import MovingPair
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed

@@ -9,8 +9,8 @@ import pytest
 
 from planning.cell.workcell import Attachment, WorldState
 from planning.errors import PlanInvariantError
-from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
+from planning.joint_motion.moving_pairs import MovingPair
 from planning.kinematics.kinematics import frame_pose
 from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import Array, Transform, inverse, translation

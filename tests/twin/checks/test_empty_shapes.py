@@ -1,5 +1,6 @@
 """Shapes without a volume, such as makers write for links without a body, are left out and told; others are refused."""
 
+import struct
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,17 @@ FILES = {
     "pointer.obj": b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n",
     "cut.stl": b"binary".ljust(80) + (9).to_bytes(4, "little") + bytes(50),
     "nothing.stl": b"",
+    "solid.stl": b"solid of a binary file".ljust(80)
+    + (4).to_bytes(4, "little")
+    + b"".join(
+        struct.pack("<12fH", 0, 0, 0, *map(float, corners), 0)
+        for corners in (
+            (0, 0, 0, 0, 0.1, 0, 0.1, 0, 0),
+            (0, 0, 0, 0.1, 0, 0, 0, 0, 0.1),
+            (0, 0, 0, 0, 0, 0.1, 0, 0.1, 0),
+            (0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1),
+        )
+    ),
 }
 
 EMPTY = (
@@ -115,3 +127,10 @@ def test_so_it_is_in_mjcf(geom: str, there: bool, tmp_path: Path) -> None:
 
 def test_the_program_refuses_what_no_body_measures(tmp_path: Path) -> None:
     assert invoke("robots", described(tmp_path, REFUSED[0]), code=2).output
+
+
+def test_a_binary_mesh_whose_header_says_solid_is_a_body(tmp_path: Path) -> None:
+    path = described(tmp_path, '<mesh filename="solid.stl"/>')
+    model = robot_model(str(path))
+    assert sum(part.link == "rod" for part in model.parts) == 2
+    assert robot_overview(model).left_out == ()

@@ -206,7 +206,7 @@ def test_what_is_absurd_is_told_and_its_neighbour_is_not(
 
 
 ANY = {
-    "PlateSection": "studs", "BrickSection": "studs height", "BrickStepSection": "at raised attack colour",
+    "PlateSection": "studs", "BrickSection": "studs height bare", "BrickStepSection": "at raised attack colour",
     "StockSection": "at raised", "StructureBrickSection": "at raised colour", "StructureSection": "origin",
     "SupportSection": "at raised orientation", "PressSection": "side offset", "PressCellSection": "at raised",
     "ElevationSection": "at depth", "RulesSection": "plinth", "ConstructionPartSection": "insertion colour",
@@ -216,7 +216,7 @@ ANY = {
     "GripSection": "positions end_margin_m directions steepest_deg tilts_deg around_deg",
     "PartGripSection": "positions end_margin_m directions steepest_deg tilts_deg around_deg",
     "PadSection": "offsets_m", "JoinedSection": "gap_m", "MoveSection": "to_deg to_rad_or_m",
-    "RobotSection": "joints home_deg home_rad_or_m", "TeamSection": "count joints", "ToolSection": "joints",
+    "RobotSection": "joints home_deg home_rad_or_m xacro", "TeamSection": "count joints", "ToolSection": "joints",
     "ParkedSection": "at_m facing_deg", "PoseSection": "xyz_m rpy_deg quat_wxyz", "PlacesSection": "xyz_m rpy_deg quat_wxyz",
     "RackSection": "xyz_m rpy_deg quat_wxyz", "RingSection": "centre_m start_deg", "RowsSection": "first_m columns pitch_m yaw_deg high",
     "SpiralSection": "growth_m turn_rad high", "TowerSection": "levels", "WallSection": "columns courses joint_m",

@@ -10,6 +10,7 @@ import pinocchio
 import pytest
 
 from planning.transforms import Transform
+from scheduling.corners.corners import round_corners
 from scheduling.graph.temporal_plan_graph import (
     BY_EFFORT,
     BY_JOINTS,
@@ -17,7 +18,6 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from scheduling.motion_times import assign_node_times
-from scheduling.shortcuts.corners import round_corners
 from scheduling.slowed_motions import describe_overloaded_joints, slowed_motions
 from tests.planning.timing.drawn_arm import PinocchioArm
 from tests.shipped_runs import ShippedRuns

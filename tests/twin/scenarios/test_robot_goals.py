@@ -7,6 +7,8 @@ import pytest
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import built
 from tests.twin.written import checked, written
+from twin.reading.scenario_file import load_scenario
+from twin.trial.planning import plan_scenario
 
 SWAP = cell(
     "swap",
@@ -52,8 +54,13 @@ def test_two_arms_change_places(tmp_path: Path) -> None:
     assert "out of the way of goal 3" in labels
     ends = {task.robot: task.label for task in plan.tpg.tasks}
     assert ends == {"left": "to goal 3", "right": "to goal 4"}
-    bound = plan.makespan_bound_s
-    assert bound is None or bound <= plan.makespan_s + 1e-9
+
+
+def test_the_bound_of_goals_ends_at_the_last_goals(tmp_path: Path) -> None:
+    scenario = load_scenario(written(tmp_path, SWAP))
+    plan = plan_scenario(scenario, tmp_path, bound=True)
+    assert plan.makespan_bound_s is not None
+    assert plan.makespan_bound_s <= plan.makespan_s + 1e-9
 
 
 def test_one_place_for_two_at_the_end_is_refused_by_check(tmp_path: Path) -> None:

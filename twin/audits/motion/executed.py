@@ -321,7 +321,7 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
         rows.append(ObjectRow(t_s, name, holder, from_quat_wxyz(*pose)))
     rows.sort(key=lambda row: row.t)
     ends = [float(r.t[-1]) for r in robots.values()]
-    end = max(*ends, *(row.t for row in rows))
+    end = max((*ends, *(row.t for row in rows)))
     return Recording(robots, tuple(rows), end, frozenset(measured))
 
 

@@ -285,11 +285,14 @@ def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
 
     Shapes of one link or of neighbouring links touch by design. HOME is free of collisions, so shapes that overlap
     there do so only because hulls are larger than their contents. Fixtures that a robot is mounted on are links
-    before its first joint.
+    before its first joint. Pairs of links that the description exempts are not checked either.
     """
     for index, robot in enumerate(world.cell.robots):
         world.configure(index, robot.home)
-    out = set()
+    out, first = set[tuple[int, int]](), 0
+    for own in world.robots:
+        out |= {(first + i, first + j) for i, j in own.ignored}
+        first += len(own.parts)
     for (i, a), (j, b) in combinations(enumerate(world.robot_shapes), 2):
         if a.robot == b.robot:
             touching = abs(a.joint - b.joint) <= 1

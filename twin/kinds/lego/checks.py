@@ -42,6 +42,7 @@ from twin.checks.finding import (
     KindChecks,
     format_millimetres,
 )
+from twin.checks.ignored_contacts import check_ignored_contacts
 from twin.checks.meshes import check_meshes
 from twin.checks.placements import (
     check_centres,
@@ -277,6 +278,7 @@ class LegoChecks(KindChecks):
         check_helpers,
         check_centres,
         check_descriptions,
+        check_ignored_contacts,
         check_flanges,
         check_tool_frames,
         check_brick_places,

@@ -12,6 +12,7 @@ from planning.bounds import (
     HEAVIEST_KG,
     LARGEST_M,
     LONGEST_S,
+    MOST_ELEMENTS,
     MOST_OF_TEAM,
     MOST_ROBOTS,
     SLOWEST,
@@ -36,6 +37,7 @@ from twin.uncertainty.base_errors import PoseErrorSection
 
 Opening = Annotated[float, Field(ge=0, le=10)]
 JointName = Annotated[str, Field(min_length=1, max_length=256)]
+PathName = Annotated[str, Field(min_length=1, max_length=4096)]
 HeldJoints = dict[JointName, Coordinate]
 ActuationTime = AnyDuration | Annotated[float, Field(ge=0, le=LONGEST_S)]
 
@@ -207,8 +209,8 @@ class RobotSection(Section):
 
     Attributes:
         name: unique in the cell.
-        model: a name that ``twin robots`` lists, or the path of a URDF or MJCF file, relative to
-            the scenario's; package://NAME/PATH is a file of a package of Python or ROS.
+        model: a name that ``twin robots`` lists, or the path of a URDF, xacro or MJCF file, relative
+            to the scenario's; package://NAME/PATH is a file of a package of Python or ROS.
         base: pose of the base in the world; that of a mobile robot is the origin of the ground
             it drives on.
         home_deg: HOME of a robot with revolute joints only [deg]; default: the model's.
@@ -223,6 +225,13 @@ class RobotSection(Section):
         limits: of its joints, in place of the model's.
         joints: joints of the model that are held, such as fingers, and at what values [rad or m];
             what mimics one follows. What does not lead to the flange is held in any case.
+        srdf: path of the maker's SRDF file; default: the one that lies with the model. false for none:
+            what the maker says of pairs of links, HOME and flange is not used.
+        home: a pose that the maker names, such as a group state of the SRDF file, as HOME; default: the
+            one called home, else ready.
+        ignore_contacts: pairs of links of the robot, or of its tool as TOOL.LINK, that may overlap: nothing
+            checks them.
+        xacro: arguments of a model in xacro, by name.
         frames: tool frames, each a pose in the flange frame; they replace the model's.
         repeatability_m: of its positioning, RP of ISO 9283, with which it puts parts where they
             fit; how often they do is not looked at when not given.
@@ -240,11 +249,17 @@ class RobotSection(Section):
     home_deg: Configuration | None = None
     home_rad_or_m: Configuration | None = None
     parked: ParkedSection | None = None
+    srdf: PathName | Literal[False] | None = None
+    home: JointName | None = None
+    ignore_contacts: Annotated[
+        tuple[PairOf[JointName], ...], Field(max_length=MOST_ELEMENTS)
+    ] = ()
+    xacro: dict[JointName, str | int | float | bool] = Field(default_factory=dict)
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     repeatability_m: Annotated[float, Field(ge=0, le=0.1)] | None = None
     base_error: PoseErrorSection | None = None
 
-    not_both = (("tool", "tools"), ("home_deg", "home_rad_or_m", "parked"))
+    not_both = (("tool", "tools"), ("home_deg", "home_rad_or_m", "parked", "home"))
 
     @model_validator(mode="after")
     def _several_tools(self) -> RobotSection:
@@ -257,9 +272,18 @@ class RobotSection(Section):
         """The robot with each of its tools as the only one; itself where it changes none."""
         if not self.tools:
             return (self,)
-        return tuple(
-            self.model_copy(update={"tool": name, "tools": ()}) for name in self.tools
+        return tuple(self.with_only(name) for name in self.tools)
+
+    def with_only(self, tool: str | None) -> RobotSection:
+        """Return the robot with one of its tools or none, without pairs of links of the others."""
+        others = tuple(f"{name}." for name in self.tools if name != tool)
+        kept = tuple(
+            pair
+            for pair in self.ignore_contacts
+            if not any(link.startswith(others) for link in pair)
         )
+        changes = {"tool": tool, "tools": (), "ignore_contacts": kept}
+        return self.model_copy(update=changes)
 
 
 class RingSection(Section):

@@ -10,6 +10,7 @@ from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import spot_pose
 from planning.transforms import Array, Transform
 from twin.checks.finding import Findings, name_in_file
+from twin.checks.ignored_contacts import check_ignored_contacts
 from twin.checks.meshes import check_meshes
 from twin.checks.placements import (
     check_centres,
@@ -65,6 +66,7 @@ class PartChecks(PartsContext):
         check_balance,
         check_centres,
         check_descriptions,
+        check_ignored_contacts,
         check_grips,
         check_turning,
         check_flanges,

@@ -15,6 +15,7 @@ import numpy as np
 from planning.progress import Progress, no_progress
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg, occupant_of_nodes
+from scheduling.corners.bends import BentNodes, NodesLeft, TransitRun, find_runs
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import (
@@ -23,7 +24,6 @@ from scheduling.motion_times import (
     stretch_numbers,
 )
 from scheduling.pace import paces
-from scheduling.shortcuts.bends import BentNodes, NodesLeft, TransitRun, find_runs
 from scheduling.shortcuts.candidates import find_spans
 from scheduling.shortcuts.graph_pieces import GraphPieces
 from scheduling.shortcuts.replacement_check import ReplacementConflicts

@@ -15,10 +15,10 @@ from planning.kinematics.kinematics import frame_pose
 from planning.motion.motion_plan import MotionPlan
 from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
+from scheduling.corners.corners import round_corners
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import assign_node_times
-from scheduling.shortcuts.corners import round_corners
 from scheduling.stretch_times import chain_bends
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import check_conflicts_are_ordered

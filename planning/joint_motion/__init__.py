@@ -1,0 +1,4 @@
+"""Collision checks of several bodies that move at the same time.
+
+Imports geometry.
+"""

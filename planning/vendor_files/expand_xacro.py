@@ -1,0 +1,202 @@
+"""Program that expands a xacro file within bounds: one JSON object from standard input, one to standard output.
+
+The package xacro does the work, with other functions for all that it evaluates or opens. What is written into an
+expression is not run, as ``planning.vendor_files.xacro_expressions`` says; files are opened in the given folders only, and the
+environment is not read. The process itself is limited in time and memory and can write no file.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from planning.vendor_files.xacro_expressions import FUNCTIONS, evaluate
+
+CPU_S = 10
+"""Most seconds of processor time that an expansion may take."""
+
+_MEMORY = 2 << 30
+"""Most bytes of memory that an expansion may take."""
+
+_LARGEST = 16 << 20
+"""Most bytes of a file that is included, and of the result."""
+
+_NAME = re.compile(r"<name>\s*([\w-]+)\s*</name>")
+
+
+def _limit() -> None:
+    with suppress(ImportError):
+        import resource
+
+        for kind, most in (
+            (resource.RLIMIT_CPU, CPU_S),
+            (resource.RLIMIT_AS, _MEMORY),
+            (resource.RLIMIT_FSIZE, 0),
+            (resource.RLIMIT_CORE, 0),
+        ):
+            with suppress(ValueError, OSError):
+                resource.setrlimit(kind, (most, most))
+
+
+class _Files:
+    """Access to files below some folders.
+
+    Args:
+        folders: the folders.
+    """
+
+    def __init__(self, folders: list[str]) -> None:
+        self._folders = [Path(folder).resolve() for folder in folders]
+
+    def open(self, name: str, mode: str = "r") -> io.StringIO:
+        """Return the content of a regular file below one of the folders."""
+        path = Path(name).resolve()
+        within = [f for f in self._folders if path.is_relative_to(f)]
+        hidden = [
+            part
+            for f in within[:1]
+            for part in path.relative_to(f).parts
+            if part.startswith(".")
+        ]
+        if not within or hidden:
+            raise PermissionError(13, f"not below {self._folders[0]}", str(path))
+        if not path.is_file():
+            raise FileNotFoundError(2, "no such file", str(path))
+        with path.open("rb") as file:
+            content = file.read(_LARGEST + 1)
+        if len(content) > _LARGEST:
+            raise PermissionError(27, "larger than 16 MiB", str(path))
+        return io.StringIO(content.decode(errors="replace"))
+
+    def refuse_pattern(self, pattern: str) -> list[str]:
+        """Refuse a pattern of names, which would look at any folder."""
+        raise LookupError(f"files are included by name, not by {pattern[-60:]!r}")
+
+    def find(self, package: str) -> str:
+        """Return the folder of a package: one of its name, or one whose package.xml names it."""
+        if not re.fullmatch(r"[\w-]+", package):
+            raise LookupError(f"no package {package[:60]!r}")
+        named = [folder / package for folder in self._folders]
+        for folder in (*named, *(f for f in self._folders if f.name == package)):
+            if folder.is_dir():
+                return str(folder)
+        for top in self._folders:
+            for manifest in (top / "package.xml", *sorted(top.glob("*/package.xml"))):
+                with suppress(OSError):
+                    found = _NAME.search(self.open(str(manifest)).read())
+                    if found and found[1] == package:
+                        return str(manifest.parent)
+        raise LookupError(f"no package {package!r} is beside the file")
+
+
+def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
+    """Return a xacro file as plain XML.
+
+    Args:
+        path: the file.
+        arguments: of the file, by name.
+        folders: below which files may be opened.
+
+    Raises:
+        Exception: whatever xacro and the readers of XML and YAML raise.
+    """
+    import xacro
+    from xacro import substitution_args
+
+    files = _Files(folders)
+
+    def refuse_variable(name: str, *_: object, **__: object) -> str:
+        raise LookupError(f"the environment is not read: {name[:60]!r}")
+
+    def quiet(*_: object) -> str:
+        return ""
+
+    def fatal(*words: object) -> None:
+        raise ValueError(" ".join(map(str, words))[:500])
+
+    own: dict[str, Callable[..., Any]] = {
+        "load_yaml": xacro.load_yaml,
+        "dotify": xacro.YamlDictWrapper,
+        "abs_filename": xacro.abs_filename_spec,
+        "tokenize": lambda text: xacro.tokenize(text),
+        "fatal": fatal,
+        "arg": lambda name: xacro.substitution_args_context["arg"][name],
+        **dict.fromkeys(("message", "warning", "error", "print_location"), quiet),
+    }
+    functions = dict(FUNCTIONS) | {f"xacro.{name}": item for name, item in own.items()}
+    functions |= {"load_yaml": xacro.load_yaml}
+
+    def safe_eval(text: str, symbols: Any, _: object = None) -> Any:
+        return evaluate(text, {} if symbols is None else symbols, functions)
+
+    def evaluate_argument(text: str, context: Mapping[str, Any]) -> str:
+        known = context.get("arg", {})
+        kinds = {
+            k: substitution_args.convert_value(v, "auto") for k, v in known.items()
+        }
+        more = {"arg": lambda name: kinds[name], "find": files.find}
+        return str(evaluate(text, kinds, functions | more))
+
+    def refuse(*_: object) -> None:
+        raise ValueError("evaluation by Python")
+
+    replacements = (
+        (xacro, "safe_eval", safe_eval),
+        (xacro, "glob", SimpleNamespace(glob=files.refuse_pattern)),
+        (substitution_args, "_eval", evaluate_argument),
+        (substitution_args, "_eval_find", files.find),
+        (substitution_args, "_eval_env", refuse_variable),
+        (substitution_args, "_eval_optenv", lambda name, default="": default),
+    )
+    for module, name, own_function in replacements:
+        if not hasattr(module, name):
+            raise ImportError(f"this version of xacro has no {name}")
+        setattr(module, name, own_function)
+    # Names of a module hide those that Python brings along.
+    xacro.open = files.open
+    for module in (xacro, substitution_args):
+        for name in ("eval", "exec", "compile", "__import__"):
+            setattr(module, name, refuse)
+    return str(xacro.process_file(path, mappings=dict(arguments), verbosity=0).toxml())
+
+
+def main() -> None:
+    """Expand the file that standard input names."""
+    given, out = json.load(sys.stdin), sys.stdout
+    sys.stdout = sys.stderr = io.StringIO()  # xacro prints warnings
+    _limit()
+    try:
+        text = expand(given["path"], given["arguments"], given["folders"])
+        if len(text) > _LARGEST:
+            raise ValueError("the result is larger than 16 MiB")
+        answer = {"text": text}
+    except RecursionError:
+        answer = {"error": "macros call each other without an end"}
+    except MemoryError:
+        answer = {"error": "it takes too much memory"}
+    except Exception as error:
+        answer = {"error": f"{error or type(error).__name__}"[:2000]}
+        with suppress(ImportError):
+            import xacro
+            from xacro import substitution_args
+
+            stack = [
+                Path(name).name for name in getattr(xacro, "filestack", ()) if name
+            ]
+            answer["file"] = stack[-1] if stack else ""
+            cause: object = error
+            while cause is not None:
+                if isinstance(cause, substitution_args.ArgException):
+                    answer["argument"] = str(cause)
+                cause = getattr(cause, "exc", None)
+    out.write(json.dumps(answer))
+    out.flush()
+    os._exit(0)
