@@ -467,8 +467,8 @@ def _turned_down(normal: Array) -> Array:
     """Return the least rotation after which a direction points down."""
     cosine = float(-normal[2])
     axis = np.cross(normal, [0.0, 0.0, -1.0])
-    if np.linalg.norm(axis) < 1e-9:
-        return np.eye(3) if cosine > 0.0 else np.diag([1.0, -1.0, -1.0])
+    if cosine < -1.0 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine))
