@@ -26,7 +26,8 @@ AXES = [tuple(s * (k == n) for k in range(3)) for n in range(3) for s in (1.0, -
 def voxel_body(name: str, cells: Iterable[Cell]) -> AssemblyBody:
     """Return a body of cubes: the squares between it and what is outside of it."""
     own = set(cells)
-    corners, faces = [], []
+    corners: list[list[int]] = []
+    faces: list[tuple[int, int, int]] = []
     for cell in sorted(own):
         for axis in range(3):
             for sign in (1, -1):
@@ -58,7 +59,7 @@ def grown_bodies(seed: int, shape: Cell, count: int) -> dict[str, Cells]:
 
     def around(cell: Cell) -> list[Cell]:
         near = (tuple(int(c + x) for c, x in zip(cell, a, strict=True)) for a in AXES)
-        return [c for c in near if c in cells and c not in owner]  # type: ignore[misc]
+        return [c for c in near if c in cells and c not in owner]
 
     while len(owner) < len(cells):
         free = [(cell, n) for cell, n in owner.items() if around(cell)]

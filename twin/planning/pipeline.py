@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -135,9 +136,25 @@ def require_sequential(scenario: Scenario) -> None:
         )
 
 
+class SlotPlan(Protocol):
+    """A plan in slots; see ``scheduling.synchronous.synchronous_plan.SynchronousPlan``."""
+
+    @property
+    def motion_plan(self) -> MotionPlan:
+        """The motions, timed by slots."""
+
+    @property
+    def slot_of_task(self) -> Indices:
+        """Slot of each task, from 0, shape (tasks,)."""
+
+    @property
+    def jointly_planned(self) -> tuple[tuple[int, ...], ...]:
+        """Groups of transits that were planned as one robot."""
+
+
 def plan_synchronously(
     turns: PlannedMotions, watch: StageWatch, *, always_jointly: bool = False
-) -> tuple[MotionPlan, Indices]:
+) -> SlotPlan:
     """Let robots move simultaneously in slots; the stage is synchronous.
 
     Args:
@@ -145,21 +162,18 @@ def plan_synchronously(
         watch: measures the stage.
         always_jointly: plan all transits of a slot jointly.
 
-    Returns:
-        The motions, timed by slots, and the slot of each task, from 0, shape (tasks,).
-
     Raises:
         RequestError: the planner of slots is not installed.
     """
     plan_synchronous = HOOKS.require("synchronous plan", "a plan in slots")
     with watch.stage("synchronous"):
-        slots = plan_synchronous(
+        slots: SlotPlan = plan_synchronous(
             turns.motion_plan,
             turns.settings,
             progress=watch.reporter(SLOTS),
             always_jointly=always_jointly,
         )
-    return slots.motion_plan, slots.slot_of_task
+    return slots
 
 
 def build_plan_graph(

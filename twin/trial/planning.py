@@ -320,10 +320,8 @@ class CoordinatedPlans:
                 )
             elif name == IN_SLOTS:
                 always = self._scenario.planning.joint_planning == "always"
-                motion_plan, slots = plan_synchronously(
-                    self._motions, watch, always_jointly=always
-                )
-                tpg = build_plan_graph(motion_plan, watch, slots)
+                slots = plan_synchronously(self._motions, watch, always_jointly=always)
+                tpg = build_plan_graph(slots.motion_plan, watch, slots.slot_of_task)
             else:
                 tpg = build_plan_graph(self._motions.motion_plan, watch)
             if not tpg.chains:
