@@ -53,6 +53,7 @@ _MODULES = {
     "RunResult": "twin.trial.run_result",
     "read_run": "twin.trial.run_result",
     "TooManyPiecesError": "planning.meshes.convex_pieces",
+    "InterlockedError": "planning.disassembly.assembly_plan",
     "FrankaError": "twin.drivers.franka_hand",
     "CircularWaitsError": "twin.judge.delays",
     "MessageError": "twin.live.wire_format",
@@ -64,6 +65,7 @@ _MODULES = {
 """Module of each name; it is imported when the name is first used."""
 
 if TYPE_CHECKING:
+    from planning.disassembly.assembly_plan import InterlockedError as InterlockedError
     from planning.errors import ArgumentError as ArgumentError
     from planning.errors import ConstructionError as ConstructionError
     from planning.errors import FittingError as FittingError

@@ -1,24 +1,18 @@
 """Evaluation of the expressions of xacro files: arithmetic, texts, lists and mappings, and a list of functions.
 
-The tree of an expression is checked against ``_NODES`` and rewritten before it is evaluated: attributes of objects become
-entries of mappings, methods and functions become entries of one table. No attribute of a Python object can be read, and nothing
-that is not in the table can be called. Time and memory are limited by the process, see ``expand_xacro``.
+The syntax tree of an expression is interpreted node by node. Attributes of objects are entries of mappings; methods and
+functions are entries of one table. No attribute of a Python object can be read, and nothing that is not in the table can be
+called. Time and memory are limited by the process, see ``expand_xacro``.
 """
 
 from __future__ import annotations
 
 import ast
 import math
+import operator
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
-
-_NODES = (
-    *(ast.Expression, ast.Constant, ast.Name, ast.Load, ast.List, ast.Tuple, ast.Dict, ast.Subscript, ast.Slice),
-    *(ast.UnaryOp, ast.BinOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.cmpop, ast.boolop),
-    *(ast.USub, ast.UAdd, ast.Not, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.FloorDiv, ast.Mod),
-)  # fmt: skip
-"""Nodes of a rewritten expression; functions within expressions and comprehensions are not among them."""
 
 _MATH = (
     *("acos", "asin", "atan", "atan2", "ceil", "cos", "degrees", "exp", "fabs", "floor", "fmod", "hypot", "isclose"),
@@ -43,10 +37,6 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 """Functions that expressions may call; methods begin with a dot and take their object first."""
 
 
-_TABLE = "<functions>"
-"""Name of the table of functions in a rewritten expression, which no expression can hold."""
-
-_POWER = "**"
 _HIGHEST_POWER = 100
 
 _ERRORS = (ArithmeticError, AttributeError, LookupError, SyntaxError, TypeError, ValueError)  # fmt: skip
@@ -56,18 +46,99 @@ class XacroExpressionError(Exception):
     """An expression that is not allowed, or has no value."""
 
 
-class _Names(dict[str, Any]):
-    """Values of names; what can be called is not seen.
+def _power(base: float, exponent: float) -> float:
+    """Return a power, by floating-point numbers where whole ones would be long."""
+    small = abs(exponent) <= _HIGHEST_POWER
+    return float(base**exponent if small else math.pow(base, exponent))
+
+
+_UNARY: Mapping[type[ast.unaryop], Callable[[Any], Any]] = {
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Not: operator.not_,
+}
+_BINARY: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod,
+    ast.Pow: _power,
+}
+_COMPARING: Mapping[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Is: operator.is_,
+    ast.IsNot: operator.is_not,
+    ast.In: lambda item, items: item in items,
+    ast.NotIn: lambda item, items: item not in items,
+}
+
+
+class _Interpreter:
+    """Interpreter of syntax trees.
 
     Args:
-        values: by name.
+        values: of names; what can be called is not seen.
+        functions: that may be called, by name.
     """
 
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        super().__init__()
-        self._values = values
+    def __init__(
+        self, values: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]
+    ) -> None:
+        self._values, self._functions = values, functions
 
-    def __missing__(self, name: str) -> Any:
+    def value(self, node: ast.expr | None) -> Any:
+        """Return the value of a node.
+
+        Raises:
+            XacroExpressionError: its kind is not allowed.
+        """
+        match node:
+            case None | ast.Constant(value=None):
+                return None
+            case ast.Constant(value=bool() | int() | float() | str() as value):
+                return value
+            case ast.Name(id=name):
+                return self._named(name)
+            case ast.Attribute(value=ast.Name(id="math"), attr=name) if (
+                name in _CONSTANTS
+            ):
+                return _CONSTANTS[name]
+            case ast.Attribute(value=owner, attr=name):
+                return self._entry(self.value(owner), name)
+            case ast.Subscript(value=owner, slice=ast.Slice() as part):
+                bounds = (part.lower, part.upper, part.step)
+                return self.value(owner)[slice(*map(self.value, bounds))]
+            case ast.Subscript(value=owner, slice=key):
+                return self._entry(self.value(owner), self.value(key))
+            case ast.List(elts=items):
+                return list(map(self.value, items))
+            case ast.Tuple(elts=items):
+                return tuple(map(self.value, items))
+            case ast.Dict(keys=keys, values=values) if None not in keys:
+                pairs = zip(map(self.value, keys), map(self.value, values), strict=True)
+                return dict(pairs)
+            case ast.UnaryOp(op=op, operand=item) if type(op) in _UNARY:
+                return _UNARY[type(op)](self.value(item))
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
+                return _BINARY[type(op)](self.value(left), self.value(right))
+            case ast.BoolOp(op=op, values=items):
+                return self._joined(items, every=isinstance(op, ast.And))
+            case ast.Compare(left=left, ops=ops, comparators=others):
+                return self._compared(left, ops, others)
+            case ast.IfExp(test=test, body=body, orelse=other):
+                return self.value(body if self.value(test) else other)
+            case ast.Call():
+                return self._called(node)
+        raise XacroExpressionError(f"{type(node).__name__} is not allowed")
+
+    def _named(self, name: str) -> Any:
         for known in (self._values, _CONSTANTS):
             # Tables of xacro do not always say that they have what they have.
             with suppress(KeyError):
@@ -75,50 +146,41 @@ class _Names(dict[str, Any]):
                     return found
         raise XacroExpressionError(f"{name!r} is not defined")
 
+    def _entry(self, owner: Any, key: Any) -> Any:
+        found = owner[key]
+        if callable(found):
+            raise XacroExpressionError(f"{key!r} is not defined")
+        return found
 
-class _Rewriting(ast.NodeTransformer):
-    """Removal of attributes and check of calls; ``functions`` are those that may be called."""
+    def _joined(self, items: list[ast.expr], *, every: bool) -> Any:
+        found: Any = every
+        for item in items:
+            found = self.value(item)
+            if bool(found) is not every:
+                break
+        return found
 
-    def __init__(self, functions: Mapping[str, Callable[..., Any]]) -> None:
-        self._functions = functions
+    def _compared(
+        self, left: ast.expr, ops: list[ast.cmpop], others: list[ast.expr]
+    ) -> bool:
+        first = self.value(left)
+        for op, other in zip(ops, others, strict=True):
+            then = self.value(other)
+            if not _COMPARING[type(op)](first, then):
+                return False
+            first = then
+        return True
 
-    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
-        """Replace an attribute by an entry of a mapping, and one of ``math`` by a constant."""
-        if ast.unparse(node.value) == "math" and node.attr in _CONSTANTS:
-            return ast.Constant(_CONSTANTS[node.attr])
-        return ast.Subscript(
-            self.visit(node.value), ast.Constant(node.attr), ast.Load()
-        )
-
-    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        """Replace powers by calls of ``_power``."""
-        left, right = self.visit(node.left), self.visit(node.right)
-        if isinstance(node.op, ast.Pow):
-            return ast.Call(_entry(_POWER), [left, right], [])
-        return ast.BinOp(left, node.op, right)
-
-    def visit_Call(self, node: ast.Call) -> ast.expr:
-        """Replace what is called by an entry of the table of functions."""
-        name, items = ast.unparse(node.func), list(map(self.visit, node.args))
+    def _called(self, node: ast.Call) -> Any:
+        name, items = ast.unparse(node.func), list(map(self.value, node.args))
         if isinstance(node.func, ast.Attribute) and name not in self._functions:
             name = f".{node.func.attr}"
-            items.insert(0, self.visit(node.func.value))
+            items.insert(0, self.value(node.func.value))
         if node.keywords or name not in self._functions:
             raise XacroExpressionError(
                 f"{name[:60]!r} is no function that may be called"
             )
-        return ast.Call(_entry(name), items, [])
-
-
-def _entry(name: str) -> ast.expr:
-    table = ast.Name(_TABLE, ast.Load())
-    return ast.Subscript(table, ast.Constant(name), ast.Load())
-
-
-def _power(base: float, exponent: float) -> float:
-    """Return a power, by floating-point numbers where whole ones would be long."""
-    small = abs(exponent) <= _HIGHEST_POWER
-    return float(base**exponent if small else math.pow(base, exponent))
+        return self._functions[name](*items)
 
 
 def evaluate(
@@ -135,13 +197,7 @@ def evaluate(
         XacroExpressionError: it is no expression, not allowed, or without a value.
     """
     try:
-        tree = _Rewriting(functions).visit(ast.parse(text.strip(), mode="eval"))
-        for node in ast.walk(tree):
-            if not isinstance(node, _NODES):
-                raise XacroExpressionError(f"{type(node).__name__} is not allowed")
-        code = compile(ast.fix_missing_locations(tree), "<expression>", "eval")
-        names = _Names(values)
-        names[_TABLE] = {**functions, _POWER: _power}
-        return eval(code, {"__builtins__": {}}, names)  # of a rewritten tree
+        tree = ast.parse(text.strip(), mode="eval")
+        return _Interpreter(values, functions).value(tree.body)
     except _ERRORS as error:
         raise XacroExpressionError(f"{type(error).__name__}: {error}") from None

@@ -256,7 +256,11 @@ LINE = stl([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
             stl(*[[(0.1, 0.7, -0.3), (0.9, 0.3, 0.1), (0.2, 0.1, 0.8)]] * 9)[:-30],
             r"a\.stl (is cut off|cannot be read|has no triangles).*export",
         ),
-        ("a.stl", bytes(range(256)) * 3, r"a\.stl (is cut off|cannot be read).*export"),
+        (
+            "a.stl",
+            bytes(range(256)) * 3,
+            r"a\.stl (is cut off|cannot be read|has no triangles).*export",
+        ),
         ("a.obj", b"v 0 0 0\nv 1 0 0\n", r"a\.obj .*export"),
         ("a.obj", b"v 0 0 0\nf 1 2 3\n", r"a\.obj .*export"),
         ("a.stl", LINE, r"a\.stl has only triangles without an area"),

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from planning.errors import RequestError
@@ -61,8 +61,10 @@ def test_what_is_wanted_is_done_and_the_rest_is_said(
     fails = data.draw(st.sampled_from([0.0, 0.2]))
     chances = lost(fails) if fails else {}
     patient = {"recovery.again": 100}
-    done, _ = operated(plan, seed, **dropping(at_s, *steps), **chances, **patient)
+    done, events = operated(plan, seed, **dropping(at_s, *steps), **chances, **patient)
     require_kept(done)
+    # Ten bricks are there for four steps; a draw that loses nearly all of them proves nothing.
+    assume(sum(e.detail == "leaves the cell" for e in events) < 7)
     assert not done.given_up
     assert done.record.outcome == "completed"
     # Every step is done or said to be dropped, and none is both.
@@ -231,7 +233,7 @@ def test_what_nobody_picks_cannot_be_late(plan: PlanResult) -> None:
 @pytest.fixture(scope="module")
 def limited(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     file = tmp_path_factory.mktemp("limited") / "stack.yaml"
-    few = "shortcut_candidates: 30, speed_model: limits"
+    few = "shortcut_candidates: 30, speed_model: limits, assignment: paper"
     file.write_text(STACK.replace("shortcut_candidates: 30", few))
     return plan_scenario(load(file), keep=True)
 
