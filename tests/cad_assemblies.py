@@ -30,7 +30,7 @@ def gearbox() -> Any:
     from build123d import Box, Cylinder, Pos
 
     housing = Box(150, 130, 50) - Pos(0, 0, 5) * Box(130, 110, 50)
-    for x in (-20, 20):
+    for x in (-20.0, 20.0):
         housing += Pos(x, 0, -15) * Cylinder(12, 12)
         housing -= Pos(x, 0, -13) * Cylinder(6 + PLAY, 20)
     shaft = Cylinder(6, 36)
