@@ -49,7 +49,13 @@ ERRORS = (
     *("ConstructionError", "TransitError", "UndecidedError", "PlanInvariantError"),
     *("DeadlockError", "IncompleteRunError", "ViewerError", "ClusterError"),
     *("ClusterLostError", "FrankaError", "MessageError", "EventLogError"),
-    *("ResumeError", "CircularWaitsError", "TooManyPiecesError", "UnknownEntryError"),
+    *(
+        "ResumeError",
+        "CircularWaitsError",
+        "TooManyPiecesError",
+        "InterlockedError",
+        "UnknownEntryError",
+    ),
 )
 
 GROUPS = (
