@@ -325,6 +325,7 @@ def made(done: Operation) -> set[int]:
     rate=st.sampled_from([0.1, 0.3]),
     more=st.integers(0, 1),
 )
+@pytest.mark.nightly
 def test_a_product_is_made_in_place_of_one_that_is_not_whole(
     line: PlanResult, seed: int, rate: float, more: int
 ) -> None:
