@@ -15,9 +15,9 @@ from xml.etree.ElementTree import Element
 from planning.errors import FittingError, RobotModelError
 from planning.files import is_file, ros_folders
 from planning.robots.descriptions.description_files import store_description
+from planning.robots.descriptions.mounting import write_mesh_paths
 from planning.robots.descriptions.xml_files import (
     check_meshes,
-    find_mesh_of_package,
     parse_xml,
     search_folders,
 )
@@ -77,16 +77,7 @@ def stored_xacro(path: Path, arguments: Mapping[str, str | float | bool]) -> Pat
     """
     root, dirs = xacro_root(path, arguments), search_folders(path)
     check_meshes(root, path, dirs)
-    for link in root.findall("link"):
-        for shape in (*link.findall("collision"), *link.findall("visual")):
-            mesh = shape.find(".//mesh")
-            if mesh is None:
-                continue
-            found = find_mesh_of_package(mesh.get("filename", ""), dirs)
-            if found is None:
-                link.remove(shape)  # a visual one
-            else:
-                mesh.set("filename", str(found.resolve()))
+    write_mesh_paths(root, dirs)
     return store_description(root, path.name.partition(".")[0])
 
 

@@ -198,7 +198,7 @@ def fitted_description(
         flange = _with_offset(root, flange, known.flange_offset)
     else:  # what is known of the tool is given in the frame of another flange
         known = replace(known, frames=None)
-    _meshes_in_full(root, dirs)
+    write_mesh_paths(root, dirs)
     if fitting.tool is not None:
         with _located_errors("tool", True):
             _take_off(root, frozenset(known.tool_links or ()), flange, path)
@@ -348,7 +348,7 @@ def _with_offset(root: Element, flange: str, offset: Transform) -> str:
     return name
 
 
-def _meshes_in_full(root: Element, dirs: Sequence[Path]) -> None:
+def write_mesh_paths(root: Element, dirs: Sequence[Path]) -> None:
     """Replace mesh names by absolute paths; visual meshes may be missing."""
     for link in root.findall("link"):
         for shape in (*link.findall("collision"), *link.findall("visual")):
@@ -396,7 +396,7 @@ def _mount(
     dirs = search_folders(path)
     tree = checked_tree(body, path, dirs, free_kinds(body))
     hold_all_joints(body, path, tool.held)
-    _meshes_in_full(body, dirs)
+    write_mesh_paths(body, dirs)
     if tool.within is not None:
         _cut(body, path, tool.within)
     strip_prefixes(body)
