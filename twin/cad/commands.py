@@ -61,7 +61,10 @@ def import_step(
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder for the picture cell.png."),
+        typer.Option(
+            metavar="DIR",
+            help="Folder for the picture cell.png, or locked.png of bodies that hold each other.",
+        ),
     ] = None,
 ) -> int:
     """Create a scenario from the STEP file of an assembly, as CAD programs export it."""
@@ -74,7 +77,7 @@ def import_step(
     if up not in UPS:
         raise RequestError(f"--up {up}", choices=tuple(UPS))
     overall, single = _densities(density or [])
-    wishes = Wishes(base, _position(at), up, like, overall, single)
+    wishes = Wishes(base, _position(at), up, like, overall, single, picture)
     imported = import_step_file(file, output, wishes)
     for note in imported.notes:
         typer.echo(f"note: {note}", err=True)

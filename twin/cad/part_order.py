@@ -16,6 +16,7 @@ from planning.disassembly.assembly_plan import (
     plan_assembly,
 )
 from planning.disassembly.body import AssemblyBody
+from planning.disassembly.group_picture import draw_bodies
 from planning.errors import RequestError, ShapeError
 from planning.transforms import Transform
 
@@ -37,6 +38,7 @@ def ordered_groups(
     turn: Transform,
     densities: Mapping[str, float],
     file: Path,
+    picture: Path | None = None,
 ) -> list[Group]:
     """Return the parts in an order in which they can be put together.
 
@@ -46,6 +48,7 @@ def ordered_groups(
         turn: rotation of the assembly after which z is up.
         densities: by body [kg/m^3].
         file: for messages.
+        picture: folder for the picture of bodies that hold each other; None for none.
 
     Raises:
         RequestError: they cannot be put together one by one, by straight motions.
@@ -65,7 +68,12 @@ def ordered_groups(
     ]
     try:
         plan = plan_assembly(bodies, base.name)
-    except (InterlockedError, ShapeError) as error:
+    except InterlockedError as error:
+        shown = (
+            "" if picture is None else f" (picture: {_draw(bodies, error, picture)})"
+        )
+        raise RequestError(f"{file}: {error.message}{shown}") from None
+    except ShapeError as error:
         raise RequestError(f"{file}: {error.message}") from None
     for step in plan.steps:
         if len(step.bodies) > 1:
@@ -85,6 +93,16 @@ def ordered_groups(
         )
         for names in _groups(plan, kinds, densities, low)
     ]
+
+
+def _draw(
+    bodies: Sequence[AssemblyBody], error: InterlockedError, folder: Path
+) -> Path:
+    """Draw bodies that hold each other, and return the file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "locked.png"
+    file.write_bytes(draw_bodies(bodies, error.bodies))
+    return file
 
 
 def _direction(step: StraightInsertion) -> tuple[float, float, float]:

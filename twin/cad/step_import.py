@@ -90,6 +90,7 @@ class Wishes:
         like: scenario whose cell is taken; None for two arms.
         density: of all bodies [kg/m^3].
         densities: of bodies by name.
+        picture: folder for the picture of bodies that hold each other; None for none.
     """
 
     base: str | None = None
@@ -98,6 +99,7 @@ class Wishes:
     like: Path | None = None
     density: float = DENSITY
     densities: Mapping[str, float] = field(default_factory=dict)
+    picture: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,6 +234,7 @@ class _Writer:
             UPS[self._wishes.up],
             self._densities,
             self._file,
+            self._wishes.picture,
         )
         entries = self._entries(groups, np.eye(4))
         self._refine_bores()

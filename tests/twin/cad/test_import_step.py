@@ -119,7 +119,8 @@ def test_assemblies_are_imported_and_built(name: str, tmp_path: Path) -> None:
 @pytest.mark.nightly
 def test_what_is_interlocked_is_refused(tmp_path: Path) -> None:
     file, out = write_step("interlocked", tmp_path / "a.step"), tmp_path / "a.yaml"
-    done = invoke("import", "step", file, "-o", out, code=2)
+    done = invoke("import", "step", file, "-o", out, "--picture", tmp_path, code=2)
+    assert (tmp_path / "locked.png").stat().st_size > 5000
     assert "link_a, link_b hold each other" in done.stderr
     assert not out.exists()
 
