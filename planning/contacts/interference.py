@@ -29,7 +29,7 @@ from planning.contacts.surface_depth import (
 )
 from planning.contacts.surface_gap import surface_gap
 from planning.contacts.touching import PlacedObject, nearby_entities
-from planning.geometry.exact import hull_shape
+from planning.geometry.exact import hull_shape, shape_distance
 from planning.transforms import Array, Transform, inverse, read_only_copy, translation
 
 ROUNDING = 1e-5
@@ -334,11 +334,9 @@ def _pair_depths(
     one: Element, other: Element, pairs: Iterable[list[int]]
 ) -> Iterator[float]:
     """Yield the penetration depths of pieces, pair by pair [m]."""
-    request = coal.DistanceRequest()
     own, met = _exact_shapes(one), _exact_shapes(other)
     for i, k in pairs:
-        result = coal.DistanceResult()
-        yield -float(coal.distance(*own[i], *met[k], request, result))
+        yield -shape_distance(*own[i], *met[k], coal.DistanceResult())
 
 
 def _box_gaps(one: Element, other: Element) -> Array:

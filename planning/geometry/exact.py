@@ -25,6 +25,10 @@ TOLERANCE = 2e-4
 """Hulls that may come within clearance + TOLERANCE of each other are called too close [m]."""
 
 _REQUEST = coal.DistanceRequest()
+
+_DEEPEST = -1e100
+"""Signed distance below which coal has failed [m]."""
+
 _RESTING: BoundedCache[Solid] = BoundedCache(50_000)
 
 
@@ -193,10 +197,22 @@ def hull_distance(a: Solid, pose_a: Any, b: Solid, pose_b: Any) -> float:
     """Return the signed distance of two hulls at coal poses; negative is penetration [m]."""
     # Threads may measure concurrently, so each needs a result of its own.
     result = coal.DistanceResult()
-    found = float(coal.distance(a.shape, pose_a, b.shape, pose_b, _REQUEST, result))
-    if found < -1e100:  # coal fails for some faces in one plane, one way round
-        result = coal.DistanceResult()
-        found = float(coal.distance(b.shape, pose_b, a.shape, pose_a, _REQUEST, result))
+    return shape_distance(a.shape, pose_a, b.shape, pose_b, result)
+
+
+def shape_distance(a: Any, pose_a: Any, b: Any, pose_b: Any, result: Any) -> float:
+    """Return the signed distance of two of coal's convex shapes at coal poses [m].
+
+    Args:
+        a, pose_a, b, pose_b: the shapes and their poses.
+        result: receives the normal from a to b.
+    """
+    found = float(coal.distance(a, pose_a, b, pose_b, _REQUEST, result))
+    if found < _DEEPEST:
+        # Where faces of two hulls are in one plane, coal may fail. It succeeds with the hulls exchanged.
+        result.clear()
+        found = float(coal.distance(b, pose_b, a, pose_a, _REQUEST, result))
+        result.normal = -result.normal
     return found
 
 

@@ -21,6 +21,7 @@ from planning.geometry.exact import (
     hull_distance_at,
     may_come_close,
     place_at_middle,
+    shape_distance,
 )
 from planning.geometry.overlap_bounds import find_unproved
 from planning.geometry.robot_bodies import (
@@ -394,14 +395,12 @@ def _measure_axis(mine: Solid, q: Array, other: Solid) -> tuple[float, Array]:
     The axis is zero where none is found.
     """
     pose, result = place_at_middle(mine, q, q)[0], coal.DistanceResult()
-    gap = coal.distance(
-        mine.shape, pose, other.shape, other.at_rest, coal.DistanceRequest(), result
-    )
+    gap = shape_distance(mine.shape, pose, other.shape, other.at_rest, result)
     turn = np.asarray(pose.getRotation()) @ mine.local[:3, :3].T
     axis = turn.T @ np.asarray(result.normal).reshape(3)
     length = np.linalg.norm(axis)
     known = abs(length - 1.0) < _LENGTH
-    return float(gap), axis if known else np.zeros(3)
+    return gap, axis if known else np.zeros(3)
 
 
 def _surroundings(

@@ -20,7 +20,7 @@ from planning.caches import BoundedCache
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
-from planning.geometry.exact import hull_shape
+from planning.geometry.exact import hull_shape, shape_distance
 from planning.transforms import Array, Transform, inverse
 
 _ALONG_CLOSING = 0.002
@@ -249,9 +249,8 @@ class _Move:
         """Return the distance after a displacement, and the direction from the body to the piece [m]."""
         pose = coal.Transform3s(self.at[:3, :3], self.at[:3, 3] + travel * self.closing)
         result, still = coal.DistanceResult(), coal.Transform3s()
-        request = coal.DistanceRequest()
-        gap = coal.distance(self.body, pose, self.piece, still, request, result)
-        return float(gap), np.asarray(result.normal)
+        gap = shape_distance(self.body, pose, self.piece, still, result)
+        return gap, np.asarray(result.normal)
 
     def travel(self, margin: float) -> float | None:
         """Return the travel of the body until it is within a distance of the piece; None if it never is [m].
