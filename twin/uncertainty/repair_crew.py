@@ -1,4 +1,4 @@
-"""Repair people shared by robots and machines that break down by the clock of the run.
+"""Breakdowns of robots and machines by the clock of the run, and the people who repair them.
 
 Failures and repairs do not depend on what is executed, so all of them are simulated beforehand, as a queue: repairs begin
 in the order of the failures, as soon as one of the people is free.

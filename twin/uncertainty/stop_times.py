@@ -9,20 +9,17 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import islice
 from typing import Protocol
 
 import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import (
-    NANOSECONDS,
     Nanoseconds,
     require_within_longest_run,
     to_nanoseconds,
 )
-from twin.uncertainty.breakdown_draws import breakdown_times
-from twin.uncertainty.disturbances import Disturbances, MachineBreakdowns
+from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.repair_crew import CrewSource, RepairCrew
 from twin.uncertainty.stop import Stop
 from twin.uncertainty.working_hours import WEEK_S
@@ -31,7 +28,7 @@ NEVER = 2**62
 """A time that no run comes to [ns]."""
 
 _CHUNK = 16
-"""Breakdowns drawn, and periods computed, together."""
+"""Periods computed together."""
 
 
 class StoppedClock:
@@ -77,31 +74,6 @@ class StopSource(Protocol):
     def more(self) -> list[Stop]:
         """Return further stops; the horizon moves on."""
         ...
-
-
-class BreakdownSource:
-    """Breakdowns by the clock, drawn one after another.
-
-    Args:
-        breakdowns: their distributions.
-        name: seed, replication and robot, which name the draws.
-    """
-
-    def __init__(
-        self, breakdowns: MachineBreakdowns, name: tuple[int, int, str]
-    ) -> None:
-        self.horizon = 0
-        self._draws = breakdown_times(breakdowns, name)
-
-    def more(self) -> list[Stop]:
-        """Return the next breakdowns."""
-        found = []
-        for works, stands in islice(self._draws, _CHUNK):
-            start = self.horizon + works
-            self.horizon = start + stands
-            reason = f"breakdown, repaired after {stands / NANOSECONDS:.3f} s"
-            found.append(Stop(start, self.horizon, reason))
-        return found
 
 
 class PeriodicSource:
@@ -288,10 +260,8 @@ def draw_stops(
         for chain, own in zip(tpg.chains, by_chain, strict=True)
         if own.breakdowns and own.breakdowns.affects(chain.robot, "run")
     }
-    crew = None
-    if breaking and disturbances.repair_people is not None:
-        people = disturbances.repair_people
-        crew = RepairCrew(people, breaking, seed, replication)
+    people = disturbances.repair_people or len(breaking)
+    crew = RepairCrew(people, breaking, seed, replication) if breaking else None
     for chain, own in zip(tpg.chains, by_chain, strict=True):
         fixed = []
         for stop in own.emergency_stops:
@@ -301,11 +271,8 @@ def draw_stops(
                 fixed.append(Stop(start, start + length, reason))
         name = chain.robot
         sources: list[StopSource] = []
-        if name in breaking and crew is not None:
+        if crew is not None and name in breaking:
             sources.append(CrewSource(crew, name))
-        elif name in breaking:
-            draws = seed, replication, name
-            sources.append(BreakdownSource(breaking[name], draws))
         for planned in disturbances.planned_stops:
             if planned.affects(name):
                 reason = f"planned stop for {planned.duration_s:.3f} s"

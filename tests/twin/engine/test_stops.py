@@ -30,8 +30,9 @@ from twin.uncertainty.disturbances import (
     Speed,
     Stalls,
 )
+from twin.uncertainty.repair_crew import CrewSource, RepairCrew
 from twin.uncertainty.stop import Stop
-from twin.uncertainty.stop_times import BreakdownSource, StoppedClock, Stops
+from twin.uncertainty.stop_times import StoppedClock, Stops
 
 
 def stops_at(*intervals: tuple[int, int]) -> Stops:
@@ -85,7 +86,7 @@ def test_own_time_stands_while_stopped(
 def test_breakdowns_by_the_clock_are_the_same_however_they_are_asked_for() -> None:
     def fresh() -> Stops:
         breaks = Breakdowns(mtbf_s=10.0, mttr_s=3.0, clock="run")
-        return Stops([], [BreakdownSource(breaks, (4, 0, "left"))])
+        return Stops([], [CrewSource(RepairCrew(1, {"left": breaks}, 4, 0), "left")])
 
     late = fresh()
     late.after(10**12)

@@ -14,7 +14,6 @@ from twin.uncertainty.repair_crew import CrewSource, RepairCrew
 from twin.uncertainty.stop import Stop
 from twin.uncertainty.stop_times import (
     NEVER,
-    BreakdownSource,
     PeriodicSource,
     Stops,
     StopSource,
@@ -88,7 +87,7 @@ def test_edges_of_several_sources_are_found_in_order(
             mtbf=Uniform(low_s=5, high_s=40), mttr=Fixed(value_s=7), clock="run"
         )
         sources: list[StopSource] = [
-            BreakdownSource(breaks, (seed, 0, "left")),
+            CrewSource(RepairCrew(1, {"left": breaks}, seed, 0), "left"),
             PeriodicSource([(3.0, 5.0), (50.0, 55.0)], 100.0, "planned"),
         ]
         return Stops([Stop(3000 * NS, 3001 * NS, "")] if fixed else [], sources)
@@ -110,7 +109,7 @@ def test_availability_by_the_clock_is_that_of_the_renewal_theorem() -> None:
         clock="run",
     )
     until = 200_000 * NS
-    stops = Stops([], [BreakdownSource(breaks, (1, 0, "left"))])
+    stops = Stops([], [CrewSource(RepairCrew(1, {"left": breaks}, 1, 0), "left")])
     down = stops.stopped_between(0, until) / until
     assert down == pytest.approx(10 / 40, rel=0.02)
     assert stops.next_edge(until) < NEVER
@@ -140,7 +139,7 @@ def test_a_crew_that_is_large_enough_changes_nothing() -> None:
     names = ("left", "right", "mill")
     crew = RepairCrew(3, dict.fromkeys(names, breaks), 2, 5)
     for name in names:
-        alone = Stops([], [BreakdownSource(breaks, (2, 5, name))])
+        alone = Stops([], [CrewSource(RepairCrew(1, {name: breaks}, 2, 5), name)])
         shared = Stops([], [CrewSource(crew, name)])
         assert shared.intervals(5000 * NS) == alone.intervals(5000 * NS)
 
