@@ -24,6 +24,8 @@ _TURNS = tuple(
 )
 """The 24 turns that map the axes onto the axes."""
 
+_UPSIDE_DOWN: Transform = np.diag([1.0, -1.0, -1.0, 1.0])
+
 
 @dataclass(frozen=True)
 class BoxForm:
@@ -138,8 +140,6 @@ class BallForm:
 
 
 ExactForm: TypeAlias = BoxForm | RodForm | BallForm
-
-_UPSIDE_DOWN: Transform = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def exact_form(body: CadBody) -> tuple[ExactForm, Transform] | None:

@@ -245,14 +245,5 @@ class _Order:
             fixtures=(),
             objects=(),
         )
-        return _contact_at(pair, name, {name: q, other: at})
-
-
-def _contact_at(
-    cell: Workcell, name: str, configurations: dict[str, Array]
-) -> Contact | None:
-    state = cell.start_state()
-    for robot, q in configurations.items():
-        state = state.with_robot(robot, q)
-    checker = SceneChecker(cell, name, state, margin=MARGIN)
-    return checker.contact(configurations[name])
+        state = pair.start_state().with_robot(other, at)
+        return SceneChecker(pair, name, state, margin=MARGIN).contact(q)

@@ -42,16 +42,6 @@ _HIGHEST_POWER = 100
 _ERRORS = (ArithmeticError, AttributeError, LookupError, SyntaxError, TypeError, ValueError)  # fmt: skip
 
 
-class XacroExpressionError(Exception):
-    """An expression that is not allowed, or has no value."""
-
-
-def _power(base: float, exponent: float) -> float:
-    """Return a power, by floating-point numbers where whole ones would be long."""
-    small = abs(exponent) <= _HIGHEST_POWER
-    return float(base**exponent if small else math.pow(base, exponent))
-
-
 _UNARY: Mapping[type[ast.unaryop], Callable[[Any], Any]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
@@ -64,7 +54,6 @@ _BINARY: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv,
     ast.Mod: operator.mod,
-    ast.Pow: _power,
 }
 _COMPARING: Mapping[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq,
@@ -78,6 +67,16 @@ _COMPARING: Mapping[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.In: lambda item, items: item in items,
     ast.NotIn: lambda item, items: item not in items,
 }
+
+
+class XacroExpressionError(Exception):
+    """An expression that is not allowed, or has no value."""
+
+
+def _power(base: float, exponent: float) -> float:
+    """Return a power, by floating-point numbers where whole ones would be long."""
+    small = abs(exponent) <= _HIGHEST_POWER
+    return float(base**exponent if small else math.pow(base, exponent))
 
 
 class _Interpreter:
@@ -126,6 +125,8 @@ class _Interpreter:
                 return dict(pairs)
             case ast.UnaryOp(op=op, operand=item) if type(op) in _UNARY:
                 return _UNARY[type(op)](self.value(item))
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                return _power(self.value(left), self.value(right))
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
                 return _BINARY[type(op)](self.value(left), self.value(right))
             case ast.BoolOp(op=op, values=items):

@@ -37,7 +37,7 @@ class PartEntry:
         type: what they are.
         goals: poses of their frame in the world.
         insert: direction in the world in which they are led into their places.
-        approach: straight way into their places [m].
+        approach: length of the straight insertion [m].
         density: [kg/m^3].
     """
 

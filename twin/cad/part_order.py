@@ -23,8 +23,8 @@ from planning.transforms import Transform
 _CLEAR = 0.01
 """A part is led straight for so much more than until it is clear of others [m]."""
 
-_LEAST_WAY, _LONGEST_WAY = 0.03, 1.0
-"""Bounds of straight ways into place [m]."""
+_SHORTEST, _LONGEST = 0.03, 1.0
+"""Bounds of the lengths of straight insertions [m]."""
 
 _DIRECTION_DIGITS = 6
 
@@ -89,7 +89,7 @@ def ordered_groups(
             kinds[names[0]],
             tuple(placed[name][1] for name in names),
             _direction(steps[names[0]]),
-            max(_way(steps[name]) for name in names),
+            max(_insertion_length(steps[name]) for name in names),
         )
         for names in _groups(plan, kinds, densities, low)
     ]
@@ -110,10 +110,10 @@ def _direction(step: StraightInsertion) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _way(step: StraightInsertion) -> float:
+def _insertion_length(step: StraightInsertion) -> float:
     """Return the length of the straight insertion of a part, in whole millimetres [m]."""
-    way = math.ceil(1e3 * (step.distance_m + _CLEAR)) / 1e3
-    return min(max(way, _LEAST_WAY), _LONGEST_WAY)
+    length = math.ceil(1e3 * (step.distance_m + _CLEAR)) / 1e3
+    return min(max(length, _SHORTEST), _LONGEST)
 
 
 def _groups(

@@ -391,10 +391,10 @@ class _Writer:
                 kind,
                 tuple(place @ own.pose for own in placed),
                 insert,
-                way,
+                length,
                 self._densities[placed[0].name],
             )
-            for name, (kind, placed, insert, way) in zip(names, groups, strict=True)
+            for name, (kind, placed, insert, length) in zip(names, groups, strict=True)
         )
 
     def _layout(

@@ -40,14 +40,14 @@ class Arm:
         name: name of the robot.
         held: joints that its section holds, with their values [rad or m].
         tree: the whole description, with no joint held.
-        way: joints that lead to its flange, and can move.
+        leading: joints that lead to its flange, and can move.
         moved: those of them that are not held.
     """
 
     name: str
     held: Mapping[str, float]
     tree: LinkTree
-    way: Set[str]
+    leading: Set[str]
     moved: Set[str]
 
     @property
@@ -140,7 +140,7 @@ def _contradiction(one: Arm, other: Arm) -> str | None:
                 f"{both}, and joint {name!r} of it is held at {other.held[name]:g} by {other.name} and at"
                 f" {one.held[name]:g} by {one.name}: hold it at one value"
             )
-    for name in sorted(one.way & other.way & (one.moved | other.moved)):
+    for name in sorted(one.leading & other.leading & (one.moved | other.moved)):
         return (
             f"{both}, and joint {name!r} carries both: no robot can move the base of another one; hold it in both,"
             f" with 'joints: {{{name}: 0}}'"
@@ -181,5 +181,5 @@ def _read_arm(
         end = flange or still.child_of(moving_order(root, path)[-1])
     except (RobotModelError, IndexError):
         return None
-    way = whole.moving.keys() & whole.joints_to(end)
-    return Arm(name, dict(held), whole, way, way & still.moving.keys())
+    leading = whole.moving.keys() & whole.joints_to(end)
+    return Arm(name, dict(held), whole, leading, leading & still.moving.keys())
