@@ -134,9 +134,13 @@ class Stops:
 
     def after(self, t_ns: int) -> int:
         """Return the earliest time from ``t_ns`` on at which the robot is not stopped."""
-        self._extend(t_ns)
-        k = bisect_right(self._starts, t_ns) - 1
-        return max(t_ns, self._ends[k]) if k >= 0 else t_ns
+        while True:
+            self._extend(t_ns)
+            k = bisect_right(self._starts, t_ns) - 1
+            if k < 0 or self._ends[k] <= t_ns:
+                return t_ns
+            # Stops that are not known yet may prolong this one.
+            t_ns = self._ends[k]
 
     def advance(self, t_ns: int, busy_ns: int) -> int:
         """Return the end of work that begins at a time.
@@ -147,11 +151,13 @@ class Stops:
         """
         while True:
             self._extend(t_ns + busy_ns)
+            # What became known may have prolonged the stop that ended then.
+            t_ns = self.after(t_ns)
             k = bisect_right(self._starts, t_ns)
             if k == len(self._starts) or t_ns + busy_ns < self._starts[k]:
                 return t_ns + busy_ns
             busy_ns -= self._starts[k] - t_ns
-            t_ns = self._ends[k]
+            t_ns = self.after(self._starts[k])
 
     def expand(self, t_ns: Nanoseconds, busy_ns: Nanoseconds) -> Nanoseconds:
         """Return the ends of several pieces of work, see advance; all shapes are the same."""

@@ -100,6 +100,36 @@ def test_breakdowns_by_the_clock_are_the_same_however_they_are_asked_for() -> No
     assert np.mean(up) == pytest.approx(10.0, rel=0.4)
 
 
+@given(INTERVALS, st.integers(0, 3), st.lists(st.integers(0, 20), max_size=12))
+def test_stops_that_become_known_late_change_nothing(
+    fixed: list[tuple[int, int]], seed: int, work: list[int]
+) -> None:
+    """Asked in small steps, with a crew that another robot asks too, against all stops known at once."""
+    breaks = {
+        name: Breakdowns(
+            mtbf=Uniform(low_s=1e-9, high_s=9e-9),
+            mttr=Uniform(low_s=1e-9, high_s=6e-9),
+            clock="run",
+        )
+        for name in ("left", "right")
+    }
+
+    def stops_of_both() -> list[Stops]:
+        crew = RepairCrew(2, breaks, seed, 0)
+        stops = [Stop(a, b, "") for a, b in fixed]
+        return [Stops(list(stops), [CrewSource(crew, name)]) for name in breaks]
+
+    for late, whole in zip(stops_of_both(), stops_of_both(), strict=True):
+        known = Stops(whole.until(1000))
+        now = 0
+        for busy in work:
+            now = late.after(now)
+            assert now == known.after(now)
+            then = late.advance(now, busy)
+            assert then == known.advance(now, busy)
+            now = then
+
+
 # Runs
 
 
