@@ -22,7 +22,9 @@ from twin.scenario.sections.shapes import PoseSection
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.view.edited_text import with_entry, with_value
 
-_INNER = frozenset({"frames", "mount", "tcp", "shape", "shapes", "path", "at", "base_error"})
+_INNER = frozenset(
+    {"frames", "mount", "tcp", "shape", "shapes", "path", "at", "base_error"}
+)
 """Keys below which poses are not in the world."""
 
 _BODIES = {("fixtures", "pose"): "fixtures", ("parts", "start"): "objects"}
@@ -64,9 +66,7 @@ class CellEditor:
         InvalidScenarioError: the file is not valid.
     """
 
-    def __init__(
-        self, path: Path, changed: Callable[[], None] = lambda: None
-    ) -> None:
+    def __init__(self, path: Path, changed: Callable[[], None] = lambda: None) -> None:
         self.path, self._changed = path, changed
         self._text = self._on_disk = _read(path)
         self._undo: list[str] = []
@@ -90,9 +90,9 @@ class CellEditor:
         cell = self.scenario.sections.cell
         for k, robot in enumerate(cell.robots):
             if not robot.parked:
-                at = ("cell", "robots", k, "base")
+                base: KeyPath = ("cell", "robots", k, "base")
                 pose = robot.base.transform()
-                yield Movable(at, f"robot {robot.name}", f"robots/{robot.name}", pose)
+                yield Movable(base, f"robot {robot.name}", f"robots/{robot.name}", pose)
         sections = self.scenario.sections
         found: list[Movable] = []
         owners: dict[KeyPath, str] = {}
@@ -190,7 +190,9 @@ class CellEditor:
     def _section_at(self, at: KeyPath) -> PoseSection:
         value: Any = self.scenario.sections
         for key in at:
-            value = getattr(value, key) if isinstance(value, Section) else value[key]
+            value = (
+                getattr(value, str(key)) if isinstance(value, Section) else value[key]
+            )
         assert isinstance(value, PoseSection)
         return value
 

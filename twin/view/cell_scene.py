@@ -12,7 +12,7 @@ from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose
 from planning.tasks.task import DOOR
-from planning.transforms import Array, Transform, quat_wxyz
+from planning.transforms import Array, Indices, Transform, quat_wxyz
 from twin.drawing.looks import coloured_fixtures
 from twin.drawing.team_colours import parse_rgb, team_colours
 from twin.drawing.triangles import triangles_of
@@ -45,6 +45,7 @@ class CellScene:
         self._nodes: dict[str, viser.MeshHandle | viser.GlbHandle] = {}
         self._looks: dict[str, object] = {}
         self._colours: dict[str, Colour] = {}
+        self._lowest: dict[str, float] = {}
         self._shells: list[viser.SceneNodeHandle] = []
         self.figures: dict[str, RobotFigure] = {}
         self.robots: dict[str, PlacedRobot] = {}
@@ -62,15 +63,16 @@ class CellScene:
             there.add(name := f"/objects/{item.name}")
             self._show_body(name, item.shape, item.colour, item.start)
             self._nodes[name].visible = not item.later
-            if item.kind == DOOR:
-                self._nodes[name].opacity = _OPACITY
+            node = self._nodes[name]
+            if item.kind == DOOR and isinstance(node, viser.MeshHandle):
+                node.opacity = _OPACITY
         for name in set(self._nodes) - there:
             self._nodes.pop(name).remove()
             self._looks.pop(name, None)
         self.robots = {robot.name: robot for robot in cell.robots}
 
-    def extent(self) -> tuple[Array, float]:
-        """Return the middle of the robots and objects of the cell, and the size of the cell [m]."""
+    def extent(self) -> tuple[Array, float, float]:
+        """Return the middle of the cell, its size, and the height of its lowest corner [m]."""
         feet = [robot.base[:3, 3] for robot in self.robots.values()]
         others = [
             np.asarray(node.position)
@@ -79,7 +81,8 @@ class CellScene:
         ]
         points = np.array([*feet, *others])
         low, high = points.min(axis=0), points.max(axis=0)
-        return 0.5 * (low + high), max(float(np.max(high - low)), 1.0)
+        size = max(float(np.max(high - low)), 1.0)
+        return 0.5 * (low + high), size, min(self._lowest.values(), default=0.0)
 
     def move_robot(self, robot: str, q: Array) -> None:
         """Show a robot at a configuration, shape (n,) [rad or m]."""
@@ -168,6 +171,7 @@ class CellScene:
                 flat_shading=True,
             )
             self._listen(name, name[1:])
+        self._lowest[name] = float((drawn.vertices @ pose[2, :3]).min() + pose[2, 3])
         self._place(name, pose)
 
     def _listen(self, node: str, body: str) -> None:
@@ -183,7 +187,7 @@ class CellScene:
             node.wxyz = turn
 
 
-def _reach_shell(robot: PlacedRobot) -> tuple[Array, Array]:
+def _reach_shell(robot: PlacedRobot) -> tuple[Array, Indices]:
     """Return the convex hull of the places that the tool of a robot comes to: vertices and faces."""
     model = robot.model
     q = np.random.default_rng(0).uniform(
@@ -191,4 +195,4 @@ def _reach_shell(robot: PlacedRobot) -> tuple[Array, Array]:
     )
     frame = "tool" if "tool" in model.frames else "flange"
     hull = ConvexHull(np.array([frame_pose(robot, own, frame)[:3, 3] for own in q]))
-    return hull.points, hull.simplices
+    return hull.points, hull.simplices.astype(np.int64)

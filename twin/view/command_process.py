@@ -21,13 +21,13 @@ class CommandProcess:
     """Runs one command at a time.
 
     Args:
-        report: called with a title and the last lines of output while a command runs.
+        report: called with the arguments and the last lines of output while a command runs.
         ended: called with the arguments and the exit code when a command has ended.
     """
 
     def __init__(
         self,
-        report: Callable[[str, str], None],
+        report: Callable[[Sequence[str], Sequence[str]], None],
         ended: Callable[[Sequence[str], int], None],
     ) -> None:
         self._report, self._ended = report, ended
@@ -61,16 +61,13 @@ class CommandProcess:
         if self._process is not None:
             os.killpg(self._process.pid, signal.SIGINT)
 
-    def _follow(
-        self, process: subprocess.Popen[str], arguments: Sequence[str]
-    ) -> None:
+    def _follow(self, process: subprocess.Popen[str], arguments: Sequence[str]) -> None:
         lines: list[str] = []
-        title = command_line(arguments)
-        self._report(title, "")
+        self._report(arguments, lines)
         assert process.stdout is not None
         for line in process.stdout:
             lines = [*lines, line.rstrip()][-_LAST_LINES:]
-            self._report(title, "\n".join(lines))
+            self._report(arguments, lines)
         code = process.wait()
         self._process = None
         self._ended(arguments, code)

@@ -22,7 +22,9 @@ def view(
     port: Annotated[
         int,
         typer.Option(
-            min=1024, max=65535, help="Port of the page; the next free one if it is taken."
+            min=1024,
+            max=65535,
+            help="Port of the page; the next free one if it is taken.",
         ),
     ] = 8130,
     browser: Annotated[

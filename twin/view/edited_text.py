@@ -24,7 +24,7 @@ def with_value(text: str, path: KeyPath, value: Any) -> str:
         value: numbers, texts, lists and dicts, written in flow style.
 
     Raises:
-        RequestError: there is no place for the value, or it is an alias.
+        RequestError: there is no place for the value, or the text has aliases.
     """
     parent, last = _node_at(text, path[:-1]), path[-1]
     found = _child(parent, last)
@@ -73,7 +73,12 @@ def _inserted(
 
 
 def _node_at(text: str, path: KeyPath) -> yaml.Node:
-    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    """Return the node at a path."""
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
+        raise RequestError("a file with aliases (*NAME) can only be changed by hand")
+    node: yaml.Node | None = yaml.compose(text, Loader=yaml.SafeLoader)
+    if node is None:
+        raise RequestError("the file is empty")
     for k, entry in enumerate(path):
         found = _child(node, entry)
         if found is None:
@@ -92,9 +97,7 @@ def _child(node: yaml.Node, entry: Any) -> yaml.Node | None:
 
 def _end(text: str, node: yaml.Node) -> int:
     """Return where the text of a node ends: block collections end in PyYAML at what follows them."""
-    if isinstance(node, yaml.ScalarNode) or node.flow_style:
-        return node.end_mark.index
-    if not node.value:
+    if not isinstance(node, yaml.CollectionNode) or node.flow_style or not node.value:
         return node.end_mark.index
     last = node.value[-1]
     return _end(text, last[1] if isinstance(last, tuple) else last)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from twin.view.cell_scene import CellScene
-from twin.view.replayed_run import ReplayedRun
+from twin.view.run_playback import RunPlayback
 
 _FRAME_S = 1 / 30
 """Least time between two frames [s]."""
@@ -33,7 +33,7 @@ class Player:
 
     def __init__(
         self,
-        run: ReplayedRun,
+        run: RunPlayback,
         scene: CellScene,
         frame: Callable[[], AbstractContextManager[None]],
     ) -> None:
@@ -56,8 +56,15 @@ class Player:
         """Show a time, within the run [s]."""
         self.now_s = min(max(t_s, 0.0), self.run.end_s)
 
+    def play(self, *, playing: bool) -> None:
+        """Play on, from the beginning where the run is over; or pause."""
+        if playing and self.now_s >= self.run.end_s:
+            self.seek(0.0)
+        self.playing = playing
+
     def step(self, *, backwards: bool) -> None:
-        """Show the next event of the run, or the one before."""
+        """Pause at the next event of the run, or at the one before."""
+        self.playing = False
         self.seek(self.run.neighbour_s(self.now_s, backwards=backwards))
 
     def show(self) -> None:

@@ -6,6 +6,7 @@ import math
 import tempfile
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -49,9 +50,7 @@ class RobotFigure:
         shapes: defaultdict[int, list[trimesh.Trimesh]] = defaultdict(list)
         for item in visuals.geometryObjects:
             shapes[item.parentJoint].append(_coloured_mesh(item))
-        self.meshes = {
-            joint: trimesh.util.concatenate(own) for joint, own in shapes.items()
-        }
+        self.meshes = {joint: _joined(own) for joint, own in shapes.items()}
 
     def poses(self, q: Array) -> dict[int, Array]:
         """Return the pose of each mesh in the world at a configuration, (4, 4) by number of its joint."""
@@ -74,6 +73,12 @@ class RobotFigure:
             whole[first] = value
 
 
+def _joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    found = trimesh.util.concatenate(meshes)
+    assert isinstance(found, trimesh.Trimesh)
+    return found
+
+
 def _coloured_mesh(item: pin.GeometryObject) -> trimesh.Trimesh:
     """Return the mesh of a visual shape in the frame of its joint, in its colour."""
     mesh = _mesh(item)
@@ -86,15 +91,18 @@ def _coloured_mesh(item: pin.GeometryObject) -> trimesh.Trimesh:
 
 
 def _mesh(item: pin.GeometryObject) -> trimesh.Trimesh:
-    shape = item.geometry
+    shape: Any = item.geometry
+    found: trimesh.Trimesh
     if isinstance(shape, coal.Box):
-        return trimesh.creation.box(2.0 * shape.halfSide)
-    if isinstance(shape, coal.Cylinder):
-        return trimesh.creation.cylinder(shape.radius, 2.0 * shape.halfLength)
-    if isinstance(shape, coal.Sphere):
-        return trimesh.creation.icosphere(3, shape.radius)
-    if isinstance(shape, coal.Capsule):
-        return trimesh.creation.capsule(2.0 * shape.halfLength, shape.radius)
-    corners = map(shape.tri_indices, range(shape.num_tris))
-    faces = np.array([(own[0], own[1], own[2]) for own in corners])
-    return trimesh.Trimesh(shape.vertices(), faces, process=False)
+        found = trimesh.creation.box(2.0 * shape.halfSide)
+    elif isinstance(shape, coal.Cylinder):
+        found = trimesh.creation.cylinder(shape.radius, 2.0 * shape.halfLength)
+    elif isinstance(shape, coal.Sphere):
+        found = trimesh.creation.icosphere(3, shape.radius)
+    elif isinstance(shape, coal.Capsule):
+        found = trimesh.creation.capsule(2.0 * shape.halfLength, shape.radius)
+    else:
+        corners = map(shape.tri_indices, range(shape.num_tris))
+        faces = np.array([(own[0], own[1], own[2]) for own in corners])
+        found = trimesh.Trimesh(shape.vertices(), faces)  # merges equal corners
+    return found

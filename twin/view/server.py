@@ -70,10 +70,9 @@ class ViewServer:
     def __init__(self, answers: Mapping[str, Answer], port: int, title: str) -> None:
         self._answers, self._title = answers, title
         self._token = secrets.token_urlsafe(24)
-        with _checked_requests(self._answer):
-            # It announces itself without the token.
-            with redirect_stdout(io.StringIO()):
-                self.viser = viser.ViserServer(HOST, port, label=title, verbose=False)
+        # It would announce itself, without the token.
+        with _checked_requests(self._answer), redirect_stdout(io.StringIO()):
+            self.viser = viser.ViserServer(HOST, port, label=title, verbose=False)
         self._port = self.viser.get_port()
         self.address = f"http://{HOST}:{self._port}/{self._token}/"
 
@@ -85,7 +84,8 @@ class ViewServer:
         if not self._is_own(request, needs_origin=upgrade) or not hmac.compare_digest(
             token.encode(), self._token.encode()
         ):
-            _log.warning("page: refused a request for %.80r", request.path)
+            origin, host = (request.headers.get(key) for key in ("Origin", "Host"))
+            _log.warning("page: refused a request of %.80r for %.80r", origin, host)
             return _text(HTTPStatus.FORBIDDEN, "this is not the address of the page")
         if path.rstrip("/") == _SCENE:
             request.path = "/"

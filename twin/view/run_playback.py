@@ -27,7 +27,7 @@ _SAME_S = 1e-6
 """Times that differ by less are the same [s]."""
 
 
-class ReplayedRun:
+class RunPlayback:
     """A run as it is shown: configurations and poses at any time, bars, and times of events.
 
     Args:
