@@ -163,18 +163,19 @@ class ArrangePanel:
             position=movable.pose[:3, 3],
             wxyz=quat_wxyz(movable.pose),
         )
-        gizmo.on_update(lambda _: self._dragged(movable, gizmo))
-        gizmo.on_drag_end(lambda _: self._dropped(movable, gizmo))
+        gizmo.on_update(lambda event: self._dragged(movable, gizmo, event.phase))
         self._gizmo = gizmo
 
-    def _dragged(self, movable: Movable, gizmo: viser.TransformControlsHandle) -> None:
+    def _dragged(
+        self, movable: Movable, gizmo: viser.TransformControlsHandle, phase: str
+    ) -> None:
+        """Move the body along with the handles; change the file when they are let go."""
         pose = self._pose_of(gizmo)
         self._show_numbers(pose)
-        if movable.body:
+        if phase == "end":
+            self._guarded(lambda: self._editor.move(movable.at, pose))
+        elif movable.body:
             self._scene.move_body(movable.body, pose)
-
-    def _dropped(self, movable: Movable, gizmo: viser.TransformControlsHandle) -> None:
-        self._guarded(lambda: self._editor.move(movable.at, self._pose_of(gizmo)))
 
     def _pose_of(self, gizmo: viser.TransformControlsHandle) -> Transform:
         """Return the pose of the handles, on the grid."""

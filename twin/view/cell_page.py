@@ -76,6 +76,12 @@ class CellPage:
             self._player = Player(RunPlayback(run), self._scene, self._viser.atomic)
             self._player.start()
 
+    def close(self) -> None:
+        """End playback and server."""
+        with self._lock:
+            self._stop_playing()
+        self._viser.stop()
+
     def _stop_playing(self) -> None:
         self._charts += 1
         if self._player is not None:
@@ -109,7 +115,9 @@ class CellPage:
 
     def _build_panel(self) -> None:
         gui = self._viser.gui
-        gui.configure_theme(control_layout="collapsible", show_logo=False)
+        # The button that shares a scene would send it to a server of others.
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
         tabs = gui.add_tab_group()
         if self._editor is not None:
             with tabs.add_tab("Arrange"):

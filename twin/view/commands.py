@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import Annotated
 
@@ -41,10 +42,17 @@ def view(
 
     page = cell_page(path, port=port, read_only=read_only)
     typer.echo(page.server.address)
+    typer.echo("Ctrl-C ends the page.")
     if browser:
         webbrowser.open(page.server.address)
-    typer.echo("Ctrl-C ends the page")
     try:
-        page.server.viser.sleep_forever()
+        wait_for_interrupt()
     except KeyboardInterrupt:
-        typer.echo("page closed")
+        typer.echo("The page is closed.")
+    finally:
+        page.close()
+
+
+def wait_for_interrupt() -> None:
+    """Wait until somebody presses Ctrl-C."""
+    threading.Event().wait()
