@@ -49,7 +49,7 @@ def opened(path: Path, port: int) -> Iterator[tuple[Any, Any]]:
             assert wrong == []
             browser.close()
     finally:
-        shown.server.viser.stop()
+        shown.close()
 
 
 @pytest.fixture
