@@ -32,12 +32,16 @@ class Supply:
         elsewhere: numbers of the steps that are not done at the place of a product: a part is put
             down on its way, or worked at there.
         sourced: names of the parts that come from sources.
+        in_progress: greatest number of products that are begun and not complete, None for any.
+        products: product of each step, from 1; empty where ``in_progress`` is None.
     """
 
     refills: Mapping[int, Refill] = field(default_factory=dict)
     leaves: Mapping[int, Leaving] = field(default_factory=dict)
     elsewhere: frozenset[int] = frozenset()
     sourced: frozenset[str] = frozenset()
+    in_progress: int | None = None
+    products: tuple[int, ...] = ()
 
     @cached_property
     def buffers(self) -> dict[str, tuple[str, int]]:

@@ -13,7 +13,7 @@ from planning.parts.assembly import MachineWork, PlacePart
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.parts.spares import with_chosen_spares
-from planning.parts.supply import Supply
+from planning.parts.work_in_progress import waits_in_progress
 from planning.tasks.task import StepTasks, Task, TaskKind, TimeWindow, is_product_task
 
 _PICK, _PLACE = "pick", "place-down"
@@ -44,7 +44,8 @@ def waiting_tasks(
     for each other: what else must be kept in order follows from collisions.
 
     The pick of a part that a source supplies waits for its arrival. What leaves waits for all that was done to
-    it, and whatever is done at the place of the next product for that to be gone.
+    it, and whatever is done at the place of the next product for that to be gone. A product waits for an earlier
+    one to be complete where the number of those in progress is bounded.
     """
     tasks_of = ((own.step, task) for own in steps for task in own.tasks)
     picked = ((step, task.object) for step, task in tasks_of if task.kind == _PICK)
@@ -60,7 +61,12 @@ def waiting_tasks(
         if tasks.step in done:
             step = known[tasks.step - 1]
             yield from _waits_of_step(history, contacts, step, tasks)
-        yield from _waits_of_supply(history, candidates.assembly.supply, tasks)
+        yield from _waits_of_supply(history, candidates, tasks)
+    tools = candidates.cell.exchanged_tools
+    every = (task for own in steps for task in own.tasks)
+    supply = candidates.assembly.supply
+    for earlier, task, _ in waits_in_progress(supply, every, tools):
+        yield earlier, task
 
 
 def _is_done(step: StepTasks) -> bool:
@@ -69,9 +75,10 @@ def _is_done(step: StepTasks) -> bool:
 
 
 def _waits_of_supply(
-    history: TaskHistory, supply: Supply, step: StepTasks
+    history: TaskHistory, candidates: PartCandidates, step: StepTasks
 ) -> Iterator[tuple[Task, Task]]:
     """Yield the precedence pairs of machines that supply and remove parts."""
+    supply, tools = candidates.assembly.supply, candidates.cell.exchanged_tools
     for task in step.tasks:
         if task.kind == TaskKind.LEAVE:
             yield from history.before(task, _BUILT, "")
@@ -89,7 +96,7 @@ def _waits_of_supply(
                 yield before[-1 - buffer], task
         elif task.kind == _PICK and task.object is not None:
             yield from history.before(task, _THERE, task.object)
-        if is_product_task(task):
+        if is_product_task(task, tools):
             history.add(_BUILT, "", task)
             if task.step not in supply.elsewhere:
                 yield from history.before(task, _LEFT, "")

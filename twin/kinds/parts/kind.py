@@ -242,7 +242,8 @@ class PartKind(AssemblyKind):
             return motions
         from twin.kinds.parts.pattern import line_pattern
 
-        pattern = line_pattern(line, motions.motion_plan.tasks)
+        tools = motions.cell.exchanged_tools
+        pattern = line_pattern(line, motions.motion_plan.tasks, tools)
         return replace(motions, pattern=pattern)
 
 

@@ -263,6 +263,8 @@ class _Writer:
                 "fits": tuple(fit for fit, _ in self._of_products(self.section.fits)),
             }
         )
+        bound = section.products.in_progress if section.products else None
+        numbered = range(1, self.period + 1) if bound else ()
         jobs = machine_jobs(section, self.period)
         if section.products is not None:
             for job in jobs.values():
@@ -275,6 +277,8 @@ class _Writer:
                 dict(self._leaves()),
                 _elsewhere(steps),
                 frozenset(sourced),
+                bound,
+                tuple(p for p in numbered for _ in self.section.steps),
             ),
             frozenset(later),
             self.products,

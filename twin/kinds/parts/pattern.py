@@ -5,17 +5,26 @@ The pattern is derived from the tasks of the first products, which are planned.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
+from planning.parts.work_in_progress import waits_in_progress
 from planning.tasks.task import Task, TaskKind, is_product_task
 from scheduling.copies import Pattern, product_part_name
 from twin.kinds.parts.line import Line
 
 
-def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
-    """Return the repetition pattern of a line's plan, from its tasks in order."""
+def line_pattern(
+    line: Line, tasks: Sequence[Task], tools: Collection[str] = ()
+) -> Pattern:
+    """Return the repetition pattern of a line's plan.
+
+    Args:
+        line: the line.
+        tasks: of the plan, in order.
+        tools: names of the tools that robots change.
+    """
     steps = len(line.section.steps) // line.period
     product = np.array(
         [
@@ -26,7 +35,7 @@ def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
         ],
         dtype=np.int64,
     )
-    lags = sorted(set(_lags(line, tasks)))
+    lags = sorted(set(_lags(line, tasks, tools)))
     return Pattern(
         line.products,
         line.period,
@@ -36,7 +45,9 @@ def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
     )
 
 
-def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
+def _lags(
+    line: Line, tasks: Sequence[Task], tools: Collection[str]
+) -> Iterator[tuple[int, int, int]]:
     """Yield dependencies on earlier copies of the pattern."""
     # A part that is put down on its way is picked again: it has left the source by then.
     picks = {t.object: t.index for t in reversed(tasks) if t.kind == "pick"}
@@ -58,10 +69,13 @@ def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
             leave.append(task.index)
         elif leave or task.step in line.supply.elsewhere:
             continue
-        elif is_product_task(task):
+        elif is_product_task(task, tools):
             first.append(task.index)
     if leave:
         yield from ((leave[-1], task, 1) for task in first)
+    for a, b, copies in waits_in_progress(line.supply, tasks, tools, line.period):
+        if copies:
+            yield a.index, b.index, copies
     for conveyor, (machine, buffer) in line.supply.buffers.items():
         before = come.get(machine, [])
         for k, task_index in enumerate(arrive.get(conveyor, [])):
