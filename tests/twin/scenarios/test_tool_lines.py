@@ -15,7 +15,7 @@ from scheduling.verification.verify import verify_plan
 from tests.planted import rows
 from tests.twin.operations.operated import operated
 from tests.twin.scenarios.executed import executed
-from tests.twin.scenarios.tool_line import tool_line
+from tests.twin.scenarios.tool_line import AT_RACKS, tool_line
 from tests.twin.simulated import simulate
 from tests.twin.written import loaded, refusal, written
 from twin.durations.nanoseconds import Nanoseconds
@@ -29,10 +29,6 @@ from twin.trial.simulation import skill_durations
 from twin.uncertainty.disturbances import Disturbances, Stalls
 
 BOUND = "products: {count: 7, ", "products: {count: 7, in_progress: 1, "
-FAILURES = """\
-  failures: {take-tool: {probability: 0.5, retries: 0}, leave-tool: {probability: 0.2, retries: 1}}
-  recovery: {again: 5, shortcuts: 0}
-"""
 STALLS = Disturbances(stalls=Stalls(rate_per_h=120.0, duration_s=(1.0, 20.0)))
 
 
@@ -141,9 +137,9 @@ def test_one_product_after_another(folder: Path, planned: PlanResult) -> None:
 def test_what_fails_at_a_rack_is_planned_again(folder: Path) -> None:
     """Each product is written out, one after another, and attempts to take the driver fail for good."""
     few = (BOUND[0], "products: {count: 2, in_progress: 1, ")
-    text = tool_line(folder) + FAILURES
+    text = tool_line(folder) + AT_RACKS
     plan = plan_scenario(load(written(folder, text, few)), keep=True)
-    done, events = operated(plan, 1)
+    done, events = operated(plan, 1, **{"recovery.again": 5, "recovery.shortcuts": 0})
     failed = [event for event in events if event.kind == "failed"]
     assert "take driver" in str(failed)
     assert done.record.outcome == "completed"

@@ -77,6 +77,11 @@ execution:
   skills: {pick: {kind: uniform, low_s: 1, high_s: 5}, place-down: {kind: uniform, low_s: 1, high_s: 5}}
 """
 
+AT_RACKS = """\
+  failures: {take-tool: {probability: 0.5, retries: 0}, leave-tool: {probability: 0.2, retries: 1}}
+"""
+"""Failures of its changes of tools, to be written at its end."""
+
 
 def tool_line(folder: Path) -> str:
     """Return the text of the line, with the description of its robot on a rail in a folder."""
