@@ -244,11 +244,6 @@ class Workcell:
             name = name.rpartition(".")[0]
         return known.get(name)
 
-    @property
-    def exchanged_tools(self) -> frozenset[str]:
-        """Names of the tools that robots change."""
-        return frozenset(tool.name for own in self.robots for tool in own.tools)
-
     def start_state(self) -> WorldState:
         """Return the state in which every robot is at HOME and every object at its start.
 

@@ -5,7 +5,7 @@ A task waits for the tasks that supply its part, transport its assembly, or clea
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
 
 from planning.handling.task_history import TaskHistory
@@ -13,8 +13,16 @@ from planning.parts.assembly import MachineWork, PlacePart
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.parts.spares import with_chosen_spares
+from planning.parts.supply import Supply
 from planning.parts.work_in_progress import waits_in_progress
-from planning.tasks.task import StepTasks, Task, TaskKind, TimeWindow, is_product_task
+from planning.tasks.task import (
+    StepTasks,
+    Task,
+    TaskKind,
+    TimeWindow,
+    changed_tools,
+    is_product_task,
+)
 
 _PICK, _PLACE = "pick", "place-down"
 _PICKED, _PLACED, _MACHINED, _DONE = "picked", "placed", "machined", "done"
@@ -49,6 +57,8 @@ def waiting_tasks(
     """
     tasks_of = ((own.step, task) for own in steps for task in own.tasks)
     picked = ((step, task.object) for step, task in tasks_of if task.kind == _PICK)
+    every = [task for own in steps for task in own.tasks]
+    supply, tools = candidates.assembly.supply, changed_tools(every)
     known, history = with_chosen_spares(candidates, picked).steps, TaskHistory()
     done = {own.step for own in steps if _is_done(own)}
     pairs = [(known[own.step - 1], own) for own in steps if own.step in done]
@@ -61,11 +71,8 @@ def waiting_tasks(
         if tasks.step in done:
             step = known[tasks.step - 1]
             yield from _waits_of_step(history, contacts, step, tasks)
-        yield from _waits_of_supply(history, candidates, tasks)
-    tools = candidates.cell.exchanged_tools
-    every = (task for own in steps for task in own.tasks)
-    supply = candidates.assembly.supply
-    for earlier, task, _ in waits_in_progress(supply, every, tools):
+        yield from _waits_of_supply(history, supply, tools, tasks)
+    for earlier, task, _ in waits_in_progress(supply, every):
         yield earlier, task
 
 
@@ -75,10 +82,9 @@ def _is_done(step: StepTasks) -> bool:
 
 
 def _waits_of_supply(
-    history: TaskHistory, candidates: PartCandidates, step: StepTasks
+    history: TaskHistory, supply: Supply, tools: Collection[str], step: StepTasks
 ) -> Iterator[tuple[Task, Task]]:
     """Yield the precedence pairs of machines that supply and remove parts."""
-    supply, tools = candidates.assembly.supply, candidates.cell.exchanged_tools
     for task in step.tasks:
         if task.kind == TaskKind.LEAVE:
             yield from history.before(task, _BUILT, "")

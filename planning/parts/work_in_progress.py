@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterator, Sequence
 
 from planning.parts.supply import Supply
-from planning.tasks.task import Task, is_work
+from planning.tasks.task import Task, changed_tools, is_work
 
 
 def waits_in_progress(
-    supply: Supply, tasks: Iterable[Task], tools: Collection[str], period: int = 0
+    supply: Supply, tasks: Sequence[Task], period: int = 0
 ) -> Iterator[tuple[Task, Task, int]]:
     """Yield pairs of tasks, the second of which waits for the first, as no more products may be in progress.
 
@@ -20,13 +20,12 @@ def waits_in_progress(
     Args:
         supply: with the bound.
         tasks: in the order of the plan.
-        tools: names of the tools that robots change.
         period: products of the pattern that is repeated; 0 without repetition.
 
     Yields:
         The tasks, and by how many copies of the pattern the first is earlier.
     """
-    bound = supply.in_progress
+    bound, tools = supply.in_progress, changed_tools(tasks)
     if bound is None:
         return
     first: dict[tuple[int, str], Task] = {}

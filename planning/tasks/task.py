@@ -216,6 +216,12 @@ def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
     return replace(cell, objects=(*cell.objects, *new)) if new else cell
 
 
+def changed_tools(tasks: Iterable[Task]) -> frozenset[str]:
+    """Return the names of the tools that robots leave in racks or take from there in some tasks."""
+    changes = TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL
+    return frozenset(str(task.object) for task in tasks if task.kind in changes)
+
+
 def is_work(task: Task, tools: Collection[str] = ()) -> bool:
     """Tell whether a robot or a machine works for a product, and not with one of the tools at its rack."""
     others = TaskKind.TRANSIT, *TaskKind.SUPPLY

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.tasks.task import is_product_task, is_work
+from planning.tasks.task import changed_tools, is_product_task, is_work
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
@@ -59,7 +59,7 @@ def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
     """Return the nodes of products of a graph, contracted or not; None for fewer than two products."""
     if not np.any(tpg.products):
         return None
-    tools = tpg.cell.exchanged_tools
+    tools = changed_tools(tpg.tasks)
     works = np.array([is_work(task, tools) for task in tpg.tasks])
     steps = np.array([is_product_task(task, tools) for task in tpg.tasks])
     works, steps = works & (tpg.products > 0), steps & (tpg.products > 0)

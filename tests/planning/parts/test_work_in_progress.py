@@ -11,6 +11,7 @@ from planning.parts.work_in_progress import waits_in_progress
 from planning.tasks.task import STILL, Task, TaskKind, is_work
 
 KINDS = ("pick", "place-down", "screw", TaskKind.STRAIGHT, TaskKind.TRANSIT)
+CHANGE = (TaskKind.TAKE_TOOL, "driver")
 STEPS, ROBOTS, TOOLS = 3, ("left", "right", "mill"), ("driver",)
 
 Interval = tuple[float, float]
@@ -29,7 +30,8 @@ def patterns(draw: st.DrawFn) -> tuple[list[Task], int]:
     for step in range(1, STEPS * period + 1):
         # Something is done in every step.
         first = draw(st.sampled_from(ROBOTS)), "place-down", "part"
-        for robot, kind, item in [*draw(st.lists(done, max_size=3)), first]:
+        change = ROBOTS[0], *CHANGE
+        for robot, kind, item in [change, *draw(st.lists(done, max_size=3)), first]:
             tasks.append(Task(len(tasks), robot, kind, step, "", STILL, (), item))
     return tasks, period
 
@@ -41,8 +43,8 @@ def executed(
     products = tuple(k // STEPS + 1 for k in range(STEPS * period))
     supply = Supply(in_progress=bound, products=products)
     waits: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
-    within = waits_in_progress(supply, tasks, TOOLS)
-    across = [w for w in waits_in_progress(supply, tasks, TOOLS, period) if w[2]]
+    within = waits_in_progress(supply, tasks)
+    across = [w for w in waits_in_progress(supply, tasks, period) if w[2]]
     for a, b, lag in (*within, *across):
         for copy in range(copies - lag):
             waits[copy + lag, b.index].append((copy, a.index))

@@ -9,6 +9,7 @@ import pytest
 from benchmarks.operate import audited
 from planning.tasks.task import TaskKind
 from scheduling.build_tpg import build_tpg
+from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.repeat import repeat_graph
 from scheduling.verification.verify import verify_plan
@@ -97,9 +98,12 @@ def test_nobody_is_at_the_rack_behind_a_door_that_is_shut(planned: PlanResult) -
     assert waited
 
 
-def test_a_product_is_complete_before_its_tool_is_back(planned: PlanResult) -> None:
+def test_a_product_is_complete_before_its_tool_is_back(
+    planned: PlanResult, folder: Path
+) -> None:
     tpg = planned.tpg
-    run, nodes = drawn(planned, tpg, 0), product_nodes(tpg)
+    save_plan(tpg, folder / "saved")
+    run, nodes = drawn(planned, tpg, 0), product_nodes(load_plan(folder / "saved"))
     assert nodes is not None
     times = when(tpg, run)
     screwed = [times[task.index][1] for task in tpg.tasks if task.kind == "screw"]

@@ -242,8 +242,7 @@ class PartKind(AssemblyKind):
             return motions
         from twin.kinds.parts.pattern import line_pattern
 
-        tools = motions.cell.exchanged_tools
-        pattern = line_pattern(line, motions.motion_plan.tasks, tools)
+        pattern = line_pattern(line, motions.motion_plan.tasks)
         return replace(motions, pattern=pattern)
 
 

@@ -5,26 +5,18 @@ The pattern is derived from the tasks of the first products, which are planned.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from planning.parts.work_in_progress import waits_in_progress
-from planning.tasks.task import Task, TaskKind, is_product_task
+from planning.tasks.task import Task, TaskKind, changed_tools, is_product_task
 from scheduling.copies import Pattern, product_part_name
 from twin.kinds.parts.line import Line
 
 
-def line_pattern(
-    line: Line, tasks: Sequence[Task], tools: Collection[str] = ()
-) -> Pattern:
-    """Return the repetition pattern of a line's plan.
-
-    Args:
-        line: the line.
-        tasks: of the plan, in order.
-        tools: names of the tools that robots change.
-    """
+def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
+    """Return the repetition pattern of a line's plan, from its tasks in order."""
     steps = len(line.section.steps) // line.period
     product = np.array(
         [
@@ -35,7 +27,7 @@ def line_pattern(
         ],
         dtype=np.int64,
     )
-    lags = sorted(set(_lags(line, tasks, tools)))
+    lags = sorted(set(_lags(line, tasks)))
     return Pattern(
         line.products,
         line.period,
@@ -45,9 +37,7 @@ def line_pattern(
     )
 
 
-def _lags(
-    line: Line, tasks: Sequence[Task], tools: Collection[str]
-) -> Iterator[tuple[int, int, int]]:
+def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
     """Yield dependencies on earlier copies of the pattern."""
     # A part that is put down on its way is picked again: it has left the source by then.
     picks = {t.object: t.index for t in reversed(tasks) if t.kind == "pick"}
@@ -55,6 +45,7 @@ def _lags(
     arrive: dict[str, list[int]] = {}
     leave: list[int] = []
     first: list[int] = []
+    tools = changed_tools(tasks)
     for task in tasks:
         if task.kind == TaskKind.PRESENT:
             come.setdefault(task.robot, []).append(task.index)
@@ -73,7 +64,7 @@ def _lags(
             first.append(task.index)
     if leave:
         yield from ((leave[-1], task, 1) for task in first)
-    for a, b, copies in waits_in_progress(line.supply, tasks, tools, line.period):
+    for a, b, copies in waits_in_progress(line.supply, tasks, line.period):
         if copies:
             yield a.index, b.index, copies
     for conveyor, (machine, buffer) in line.supply.buffers.items():
