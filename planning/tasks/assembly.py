@@ -19,6 +19,23 @@ _MOST_ALTERNATIVES = 12
 
 
 @dataclass(frozen=True)
+class Disposal:
+    """Removal of a rejected part.
+
+    Attributes:
+        step: number of the step that rejected it, from 1.
+        part: its name.
+        robots: those that may drop it into the bin; a person takes it where none can.
+        pose: of the part where they let go of it, in the world.
+    """
+
+    step: int
+    part: str
+    robots: tuple[str, ...]
+    pose: Transform
+
+
+@dataclass(frozen=True)
 class Assembly(ABC):
     """An assembly ready for assignment and sequential planning: all of its steps, or the first ones.
 
@@ -101,6 +118,23 @@ class Assembly(ABC):
             InfeasibleStepError: a step is infeasible then.
         """
         return None
+
+    def is_named(self, step: int, names: Collection[str]) -> bool:
+        """Return whether a step (from 1) has one of some names, which are those of each product."""
+        return False
+
+    def disposals(
+        self,
+        order: Disposal,
+        lying: Mapping[str, Transform],
+        plan: TaskPlan,
+        first: int,
+    ) -> Iterator[StepTasks]:
+        """Yield the tasks, from an index on, by which a robot drops a part into a bin, cheapest first.
+
+        Objects that nobody holds have given poses.
+        """
+        yield from ()
 
     def alternatives(
         self, step: int, plan: TaskPlan, first: int

@@ -25,7 +25,7 @@ from planning.motion.sequential import (
     MotionSettings,
     plan_steps_sequentially,
 )
-from planning.tasks.assembly import Assembly
+from planning.tasks.assembly import Assembly, Disposal
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -72,6 +72,7 @@ class ReplanningState:
         reopened: begun steps that are to be repeated, with the robots that do no more work for them.
         given_up: steps that will not be done.
         evading: robots that make way: they go HOME with what they hold, and return later.
+        rejected: rejected parts that have to go, by the number of the given-up step.
     """
 
     world: World
@@ -79,6 +80,7 @@ class ReplanningState:
     reopened: Mapping[int, frozenset[str]] = field(default_factory=dict)
     given_up: frozenset[int] = frozenset()
     evading: frozenset[str] = frozenset()
+    rejected: Mapping[int, Disposal] = field(default_factory=dict)
 
     @property
     def kept(self) -> dict[int, StepChoice]:
@@ -140,7 +142,11 @@ def plan_onward(
             _Item(_only_alternative(partial(find_removal, cell, world, robot, name)))
         )
     undone = frozenset(plan[step].object for step in now.given_up if step in kept)
-    scrap = RemovalPlan(world, work.passing, undone)
+    rejected = {
+        k: replace(own, robots=tuple(r for r in own.robots if busy.get(r, 0) < k))
+        for k, own in now.rejected.items()
+    }
+    scrap = RemovalPlan(world, work.passing, undone, rejected)
     continued = {item.step.step: item for item in left if not item.ends}
     evading, stands = set(now.evading), world.state.configurations
     for step in range(1, len(plan.choices) + 1):
@@ -161,7 +167,7 @@ def plan_onward(
                 )
         brought = there.get(step, ())
         if step in now.given_up:
-            if work.passing:
+            if work.passing or step in rejected:
                 alternatives = partial(scrap.of_step, assembly, step, brought)
                 items.append(_Item(alternatives, machines=step))
         elif step not in kept:

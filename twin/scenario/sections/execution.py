@@ -6,19 +6,28 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+import numpy as np
+from pydantic import (
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    model_validator,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from planning.bounds import LONGEST_S
+from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
-from twin.document.section import Section
+from planning.transforms import Transform, read_only_copy
+from twin.document.section import Name, Section, Several
 from twin.document.yaml_text import KeyPath
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.kinds import DurationKinds
 from twin.durations.model import DurationModel, Skill
 from twin.registry import POLICIES
+from twin.scenario.sections.shapes import PoseSection
 from twin.uncertainty.disturbances import (
     Disturbances,
     LatePart,
@@ -124,6 +133,34 @@ class AskSection(Section):
         return self.answer or Fixed(value_s=self.answer_s)
 
 
+class BinSection(Section):
+    """A bin for parts that are scrapped.
+
+    Attributes:
+        by: ``robot`` drops a part into it where one can, and else a person takes it; ``person``, always.
+        fixture: fixture to which the pose belongs; the world when not given.
+        pose: of a part where a robot lets go of it, over the bin.
+        robots: who may; anyone when not given.
+    """
+
+    by: Literal["robot", "person"] = "robot"
+    fixture: Name | None = None
+    pose: PoseSection | None = None
+    robots: Several[Name] | None = None
+
+    @model_validator(mode="after")
+    def _has_place(self) -> BinSection:
+        if (self.pose is None) == (self.by == "robot"):
+            raise ValueError("where is the bin? Give pose, or by: person without it")
+        return self
+
+    def pose_in(self, cell: Workcell) -> Transform:
+        """Return the pose of a part where a robot lets go of it, in the world."""
+        base = [item.pose for item in cell.fixtures if item.name == self.fixture]
+        pose = np.eye(4) if self.pose is None else self.pose.transform()
+        return read_only_copy(base[0] @ pose if base else pose)
+
+
 class RecoverySection(Section):
     """What ``twin operate`` does when a skill has failed for good or a robot is out.
 
@@ -131,6 +168,8 @@ class RecoverySection(Section):
         planning_s: how long planning takes in the simulation, for which all others go on [s].
         shortcuts: candidates tried on each new plan.
         remove_s: how long a person takes to take what a robot holds that has nowhere to go [s].
+        remove: distribution of that time, in place of ``remove_s``.
+        bin: where parts go that are scrapped; they stay where they are when not given.
         again: how often a skill is planned anew with what it was to be done with, before its step is
             given up.
         ask: who is asked before that, and before a step is given up of which nothing is left; None for nobody.
@@ -139,8 +178,12 @@ class RecoverySection(Section):
     planning_s: Annotated[float, Field(ge=0, le=3600)] = 1.0
     shortcuts: Annotated[int, Field(ge=0, le=1_000_000)] = 60
     remove_s: Annotated[float, Field(ge=0, le=3600)] = 10.0
+    remove: AnyDuration | None = None
+    bin: BinSection | None = None
     again: Annotated[int, Field(ge=0, le=100)] = 3
     ask: AskSection | None = None
+
+    not_both = (("remove_s", "remove"),)
 
 
 class ExecutionSection(Disturbances):
@@ -285,6 +328,11 @@ class ExecutionSection(Disturbances):
             for key, own in sections.items()
             if own
         ]
+
+    @property
+    def rejecting(self) -> tuple[str, ...]:
+        """Processes after which a part is worked at again or scrapped."""
+        return tuple(k for k, own in self.failures.items() if own.then != "again")
 
     def may_be_replanned(self) -> bool:
         """Tell whether anything may happen that requires replanning."""
