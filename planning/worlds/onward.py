@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -73,6 +73,7 @@ class ReplanningState:
         given_up: steps that will not be done.
         evading: robots that make way: they go HOME with what they hold, and return later.
         rejected: rejected parts that have to go, by the number of the given-up step.
+        reworked: steps that are done again before a step, in their order, by its number.
     """
 
     world: World
@@ -81,6 +82,7 @@ class ReplanningState:
     given_up: frozenset[int] = frozenset()
     evading: frozenset[str] = frozenset()
     rejected: Mapping[int, Disposal] = field(default_factory=dict)
+    reworked: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def kept(self) -> dict[int, StepChoice]:
@@ -200,8 +202,12 @@ def plan_onward(
         machines = [tasks for item, tasks in pairs if item.machines is not None]
         inside = [pair for tasks in machines for pair in tasks.dependencies]
         inside += _back_before(zip(items, planned, strict=True))
+        for number, before in now.reworked.items():
+            inside += _one_after_another([*before, number], steps)
         more = np.array([*inside, *scrap.waits(every)], dtype=np.int64).reshape(-1, 2)
-        return np.unique(np.concatenate([waits, more]), axis=0)
+        links = np.unique(np.concatenate([waits, more]), axis=0)
+        # What is complete does not wait for what is done again.
+        return links[(links[:, 1] >= world.tasks) | (links[:, 0] < links[:, 1])]
 
     plan, motions = plan_steps_sequentially(
         cell,
@@ -211,7 +217,11 @@ def plan_onward(
         settings,
         known=known,
         # Of all steps, once they are linked.
-        windows=lambda _: work.windows([done[number] for number in sorted(done)]),
+        windows=lambda _: (
+            window
+            for window in work.windows([done[number] for number in sorted(done)])
+            if not window.due < min(world.tasks, window.done)
+        ),
         begins=world.beginning,
     )
     whole = tuple(steps[number] for number in sorted(steps))
@@ -250,6 +260,17 @@ def _back_before(
             if task.kind != TaskKind.TRANSIT and task.robot != b.robot:
                 yield b.index, task.index
         back = []
+
+
+def _one_after_another(
+    numbers: Sequence[int], steps: Mapping[int, StepTasks]
+) -> Iterator[tuple[int, int]]:
+    """Yield dependencies: each step begins its work once that of the one before is done, abandoned ones left out."""
+    moves = TaskKind.TRANSIT, TaskKind.STRAIGHT
+    for a, b in pairwise(k for k in numbers if k in steps):
+        done = [t.index for t in steps[a].tasks if t.kind not in moves]
+        begins = [t.index for t in steps[b].tasks if t.kind != TaskKind.TRANSIT]
+        yield from ((done[-1], task) for task in begins[:1] if done)
 
 
 def _without_absent_objects(

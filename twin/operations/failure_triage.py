@@ -109,7 +109,7 @@ class FailureTriage:
             elif said.then == "rework" and (
                 before := self._processes_at(tpg, trigger, task)
             ):
-                self.ledger.reworked.add(task.step)
+                self.ledger.reworked[task.step] = tuple(work.step for work in before)
                 reopened |= {work.step: frozenset[str]() for work in before}
                 reopened[task.step] = frozenset({task.robot})
                 *most, last = [work.label for work in before]

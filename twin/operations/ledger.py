@@ -29,7 +29,7 @@ class LedgerEntries:
         asks: questions to a person.
         measured: measured poses of displaced parts.
         rejected: parts that are scrapped, by the number of the step that rejected each.
-        reworked: steps before which processes have been done again.
+        reworked: steps that were done again last before a step, in their order, by its number.
     """
 
     resting: Mapping[int, frozenset[int]]
@@ -43,7 +43,7 @@ class LedgerEntries:
     asks: tuple[Ask, ...]
     measured: Mapping[str, Transform]
     rejected: Mapping[int, str]
-    reworked: AbstractSet[int]
+    reworked: Mapping[int, tuple[int, ...]]
 
     @property
     def undone(self) -> frozenset[int]:
@@ -105,7 +105,7 @@ class OperationLedger(LedgerEntries):
     asks: tuple[Ask, ...] = ()
     measured: Mapping[str, Transform] = field(default_factory=dict)
     rejected: Mapping[int, str] = field(default_factory=dict)
-    reworked: frozenset[int] = frozenset()
+    reworked: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     def draft(self) -> LedgerDraft:
         """Return a draft of the next ledger."""
@@ -121,7 +121,7 @@ class OperationLedger(LedgerEntries):
             self.asks,
             dict(self.measured),
             dict(self.rejected),
-            set(self.reworked),
+            dict(self.reworked),
         )
 
 
@@ -140,7 +140,7 @@ class LedgerDraft(LedgerEntries):
     asks: tuple[Ask, ...]
     measured: dict[str, Transform]
     rejected: dict[int, str]
-    reworked: set[int]
+    reworked: dict[int, tuple[int, ...]]
 
     def recorded(self) -> OperationLedger:
         """Return the ledger of this draft, which later changes of it leave as it is."""
@@ -156,7 +156,7 @@ class LedgerDraft(LedgerEntries):
             self.asks,
             dict(self.measured),
             dict(self.rejected),
-            frozenset(self.reworked),
+            dict(self.reworked),
         )
 
     def answered(self, ask: Ask) -> bool:

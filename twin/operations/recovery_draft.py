@@ -191,6 +191,7 @@ class Draft:
             now = ReplanningState(
                 *(world, self.task_plan, reopened, given_up, evading),
                 rejected=dict(self._rejected(world)),
+                reworked=self.ledger.reworked,
             )
             work, undoable = find_infeasible_steps(self.work, now, self.cell)
             if not self.context.elsewhere.keep(work, self.ledger.measured):

@@ -29,7 +29,7 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operations.operated import STACK, operated, planned
-from tests.twin.operations.reworked import REWORKED
+from tests.twin.operations.reworked import BIN, REWORKED, with_crate
 from twin.operations.operation import Operation
 from twin.runs.events import Event
 from twin.runs.trajectory import object_placements
@@ -72,6 +72,8 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
         {"window": {"steps": 4, "least": 2}},
     ),
     "reworked": (lambda: REWORKED, {}),
+    "rejecting": (lambda: with_crate(REWORKED), {"recovery.bin": BIN}),
+    "rejecting to a person": (lambda: REWORKED, {"recovery.bin": {"by": "person"}}),
     "magazine": (_magazine, {}),
     "gluing": (lambda: _shipped("assembly/gluing"), {}),
     "gluing, held back": (lambda: _shipped("assembly/gluing"), {"windows.hold": 0.8}),
@@ -140,6 +142,8 @@ def drawn_values(name: str, seed: int) -> Values:
     values: Values = {}
     for skill in sorted(every):
         values[f"failures.{skill}"] = _failure(draw, skill, case.sections.processes)
+    if name.startswith("rejecting"):
+        values["failures.inspect"] |= _rejects(np.random.default_rng(seed))
     values["recovery.again"] = int(draw.integers(0, 4))
     values["recovery.planning_s"] = float(draw.choice([0.0, 1.0, 8.0]))
     values["latency_s"] = float(draw.choice([0.0, 0.0, 0.05, 0.5]))
@@ -194,6 +198,17 @@ def _failure(draw: Draw, skill: str, processes: Mapping[str, object]) -> Values:
     elif skill in processes:
         item["then"] = str(draw.choice(["again", "rework", "scrap"]))
     return item
+
+
+def _rejects(draw: Draw) -> Values:
+    """Return what becomes of a cover that is rejected, mostly that some steps are done again."""
+    if draw.random() < 0.3:
+        return {"then": "scrap"}
+    names = ["first", "second", "third"][: int(draw.integers(0, 4))]
+    rework: Values = {"steps": names} if names else {}
+    if draw.random() < 0.7:
+        rework["times"] = int(draw.integers(1, 4))
+    return {"then": "rework", "rework": rework}
 
 
 def _may_be_late(plan: PlanResult) -> list[str]:
