@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.operate import audited
 from planning.errors import PlanInvariantError
-from planning.tasks.task import TaskKind
+from planning.tasks.task import Handling, TaskKind
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
@@ -296,8 +296,17 @@ def _untold(done: Operation, plan: PlanResult, whole: PlanResult) -> Iterator[st
         p.object: p for p in object_placements(done.tpg, done.record)
     }  # the last one of each
     resting = [p.pose[:3, 3] for p in ends.values() if p.holder is None]
+    placed = {t.step: t.object for t in done.tpg.tasks if t.kind == "place-down"}
+    scrapped = {
+        h.object
+        for task in done.tpg.tasks
+        for h in task.handlings
+        if h.holder == Handling.GONE and task.step in done.given_up
+    }
     for step, at in goals.items():
         filled = any(np.linalg.norm(at - own) < 1e-3 for own in resting)
+        if not filled and placed.get(step) in scrapped:
+            continue
         if filled == (step in undone):
             state = "filled and undone" if filled else "neither filled nor told"
             yield f"the goal of step {step} is {state}"
