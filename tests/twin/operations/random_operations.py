@@ -60,6 +60,21 @@ def _stations() -> str:
     return re.sub(r"(_a, brick: 2x4, at: \[.*?\])", r"\1, station: true", text)
 
 
+def _inspected() -> str:
+    """Return machine tending with a gauge beside the mill, and a crate for what it rejects."""
+    text = _shipped("assembly/machine_tending")
+    crate = "{name: crate, size_m: [0.2, 0.2, 0.3], pose: {xyz_m: [-0.5, 0.3, 0.15]}}"
+    for old, new in {
+        r"    mill: \{door.*\n": "    mill: {}\n    gauge: {}\n",
+        r"(    washing: \{)": "    inspect: {duration: {kind: fixed, value_s: 3}, machine: gauge}\n\\1",
+        r"(process: milling, at: \{part: blank\})(\})": "\\1, name: milled\\2\n    - {process: inspect, at: {part: blank}}",
+        r"(    - \{name: table)": f"    - {crate}\n\\1",
+    }.items():
+        text, count = re.subn(old, new, text)
+        assert count == 1, old
+    return text
+
+
 _FEW_PLACES = {"counts": [1, 1], "pitch_m": [0.1, 0.1]}
 
 CELLS: dict[str, tuple[Callable[[], str], Values]] = {
@@ -74,6 +89,14 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
     "reworked": (lambda: REWORKED, {}),
     "rejecting": (lambda: with_crate(REWORKED), {"recovery.bin": BIN}),
     "rejecting to a person": (lambda: REWORKED, {"recovery.bin": {"by": "person"}}),
+    "rejecting in a line": (
+        _inspected,
+        {
+            "assembly.products": {"count": 3, "spare": 1},
+            "machines": {},
+            "recovery.bin": {"fixture": "crate", "pose": {"xyz_m": [0, 0, 0.35]}},
+        },
+    ),
     "magazine": (_magazine, {}),
     "gluing": (lambda: _shipped("assembly/gluing"), {}),
     "gluing, held back": (lambda: _shipped("assembly/gluing"), {"windows.hold": 0.8}),
@@ -143,7 +166,9 @@ def drawn_values(name: str, seed: int) -> Values:
     for skill in sorted(every):
         values[f"failures.{skill}"] = _failure(draw, skill, case.sections.processes)
     if name.startswith("rejecting"):
-        values["failures.inspect"] |= _rejects(np.random.default_rng(seed))
+        line = name.endswith("line")
+        names = ["milled"] if line else ["first", "second", "third"]
+        values["failures.inspect"] |= _rejects(np.random.default_rng(seed), names)
     values["recovery.again"] = int(draw.integers(0, 4))
     values["recovery.planning_s"] = float(draw.choice([0.0, 1.0, 8.0]))
     values["latency_s"] = float(draw.choice([0.0, 0.0, 0.05, 0.5]))
@@ -200,11 +225,11 @@ def _failure(draw: Draw, skill: str, processes: Mapping[str, object]) -> Values:
     return item
 
 
-def _rejects(draw: Draw) -> Values:
-    """Return what becomes of a cover that is rejected, mostly that some steps are done again."""
+def _rejects(draw: Draw, every: list[str]) -> Values:
+    """Return what becomes of a part that is rejected, mostly that some steps are done again."""
     if draw.random() < 0.3:
         return {"then": "scrap"}
-    names = ["first", "second", "third"][: int(draw.integers(0, 4))]
+    names = [name for name in every if draw.random() < 0.6]
     rework: Values = {"steps": names} if names else {}
     if draw.random() < 0.7:
         rework["times"] = int(draw.integers(1, 4))

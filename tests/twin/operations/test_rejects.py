@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import twin
 from benchmarks.operate import audited
 from planning.tasks.task import Handling, TaskKind
 from tests.planted import rows
@@ -18,11 +22,12 @@ from tests.twin.operations.operated import (
     require_safe,
     tasks_of,
 )
-from tests.twin.operations.random_operations import plan_of
+from tests.twin.operations.random_operations import drawn_values, plan_of
 from tests.twin.operations.reworked import BIN, REWORKED, with_crate
 from tests.twin.operations.test_kinds import works_of
 from tests.twin.written import refusal, written
 from twin.operations.operation import Operation
+from twin.studies.folder import StudyRequest
 from twin.trial.plan_result import PlanResult
 
 NEVER = {"probability": 1.0, "retries": 0}
@@ -222,3 +227,76 @@ def test_what_cannot_be_rejected_so_is_refused(
     (row,) = [k for k, line in enumerate(text.splitlines()) if section in line]
     assert problem.mark.line == row + 1
     assert problem.mark.column == 3 + section.rindex(at)
+
+
+OFTEN = {"failures.inspect": {"probability": 0.5, "retries": 0, "then": "rework"}}
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "is_operated"),
+    [
+        (OFTEN, {}, True),
+        ({"failures.inspect": NEVER}, {}, False),
+        (OFTEN, {"operate": False}, False),
+        (OFTEN, {"policies": ["sequential"]}, False),
+        ({}, {"vary": {"failures.inspect.then": ["again", "scrap"]}}, True),
+    ],
+)
+def test_a_study_operates_where_parts_may_be_rejected(
+    rejecting: PlanResult,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    values: dict[str, Any],
+    options: dict[str, Any],
+    is_operated: bool,
+) -> None:
+    asked: list[bool] = []
+
+    def start(request: StudyRequest, *_: object) -> None:
+        asked.append(request.operated)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(import_module("twin.studies.api"), "start_study", start)
+    plan = replace(rejecting, scenario=rejecting.scenario.varied(values))
+    with pytest.raises(KeyboardInterrupt):
+        twin.study(plan, replications=2, out=tmp_path / "study", **options)
+    assert asked == [is_operated]
+
+
+@pytest.mark.nightly
+def test_a_study_says_whether_it_operates(
+    rejecting: PlanResult, tmp_path: Path
+) -> None:
+    plan = replace(rejecting, scenario=rejecting.scenario.varied(OFTEN))
+    study = twin.study(plan, replications=6, out=tmp_path / "operated")
+    assert study.summary["closed_loop"]
+    assert study.summary["warnings"] == []
+    replanned = [n > 0 for n in study.replications["versions"].to_pylist()]
+    assert 0 < sum(replanned) < 6
+    study = twin.study(plan, replications=6, out=tmp_path / "not", operate=False)
+    assert not study.summary["closed_loop"]
+    (warning,) = study.summary["warnings"]
+    assert warning.startswith("replications in which inspect fails for good count")
+    ends = study.replications["outcome"].to_pylist()
+    assert [end == "failed" for end in ends[-6:]] == replanned
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", range(20))
+def test_every_product_ends_whole_or_scrapped(tmp_path: Path, seed: int) -> None:
+    """What first-pass yield is counted from adds up: of those that are whole, some were worked at again."""
+    plan, wanted, spare = plan_of("rejecting in a line"), 3, 1
+    values = drawn_values("rejecting in a line", seed)
+    done, _ = operated(plan, seed, **values)
+    whole = set(done.tpg.products.tolist()) - {0}
+    steps = len(plan.scenario.sections.assembly.steps)
+    begun = {(k - 1) // steps + 1 for k in {t.step for t in done.tpg.tasks}}
+    assert whole.isdisjoint(done.scrapped)
+    assert {*whole, *done.scrapped} <= set(range(1, wanted + spare + 1))
+    if not done.dropped and not done.out:
+        assert begun <= {*whole, *done.scrapped}
+    repeated = Counter((t.step - 1) // steps + 1 for t in tasks_of(done, "milling"))
+    assert set(done.reworked) <= {
+        n for n, often in repeated.items() if often > 1
+    } | set(done.scrapped)
+    assert gone(done) >= {o for _, o in put_into_the_bin(done)}
