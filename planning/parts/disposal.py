@@ -38,7 +38,7 @@ def disposal_tasks(
     """
     cell, assembly, name = candidates.cell, candidates.assembly, order.part
     joined = lying.keys() & set(assembly.joined_to(name))
-    if joined or candidates.changes.mounted:
+    if joined or candidates.changes.mounted or order.pose is None:
         return
     there = {item.name: item for item in cell.objects if item.name in lying}
     part = replace(there.pop(name), start=lying[name])

@@ -65,22 +65,16 @@ class PartWork(Assembly):
 
     def is_named(self, step: int, names: Collection[str]) -> bool:
         """Return whether a step has one of some names, or one of them with the number of its product."""
-        steps = self.built.steps
-        name = steps[step - 1].name or ""
+        known = {own.name for own in self.built.steps}
+        name = self.built.steps[step - 1].name or ""
         base = name.rpartition(".")[0]
-        return name in names or (
-            base in names and all(own.name != base for own in steps)
-        )
+        return name in names or (base in names and base not in known)
 
     def disposals(
-        self,
-        order: Disposal,
-        lying: Mapping[str, Transform],
-        plan: TaskPlan,
-        first: int,
+        self, order: Disposal, at: Mapping[str, Transform], plan: TaskPlan, first: int
     ) -> Iterator[StepTasks]:
         """Yield the tasks by which a robot drops a part into a bin."""
-        return disposal_tasks(self.candidates, order, lying, plan, first)
+        return disposal_tasks(self.candidates, order, at, plan, first)
 
     def waits(self, steps: Sequence[StepTasks]) -> Iterator[tuple[Task, Task]]:
         """Yield the precedence pairs of steps, and those of machines."""

@@ -25,14 +25,14 @@ class Disposal:
     Attributes:
         step: number of the step that rejected it, from 1.
         part: its name.
-        robots: those that may drop it into the bin; a person takes it where none can.
-        pose: of the part where they let go of it, in the world.
+        pose: of the part where a robot lets go of it over a bin, in the world; None where a person takes it.
+        robots: those with free hands.
     """
 
     step: int
     part: str
-    robots: tuple[str, ...]
-    pose: Transform
+    pose: Transform | None
+    robots: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -124,16 +124,9 @@ class Assembly(ABC):
         return False
 
     def disposals(
-        self,
-        order: Disposal,
-        lying: Mapping[str, Transform],
-        plan: TaskPlan,
-        first: int,
+        self, order: Disposal, at: Mapping[str, Transform], plan: TaskPlan, first: int
     ) -> Iterator[StepTasks]:
-        """Yield the tasks, from an index on, by which a robot drops a part into a bin, cheapest first.
-
-        Objects that nobody holds have given poses.
-        """
+        """Yield the tasks, from an index on, by which a robot drops a part into a bin, given the poses of objects at rest."""
         yield from ()
 
     def alternatives(

@@ -144,8 +144,9 @@ def plan_onward(
             _Item(_only_alternative(partial(find_removal, cell, world, robot, name)))
         )
     undone = frozenset(plan[step].object for step in now.given_up if step in kept)
+    team = {robot.name for robot in cell.robots} - world.out
     rejected = {
-        k: replace(own, robots=tuple(r for r in own.robots if busy.get(r, 0) < k))
+        k: replace(own, robots=frozenset(r for r in team if busy.get(r, 0) < k))
         for k, own in now.rejected.items()
     }
     scrap = RemovalPlan(world, work.passing, undone, rejected)

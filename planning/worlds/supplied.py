@@ -135,7 +135,7 @@ class RemovalPlan:
         if pose is None:
             yield StepTasks(step, (), (), ())
             return
-        if step in self.rejected and self.rejected[step].robots:
+        if step in self.rejected:
             state = self.world.state.attachments
             now = {k: None if at.holder else at.pose for k, at in state.items()}
             lying = {k: at for k, at in {**now, **self.lies}.items() if at is not None}

@@ -269,15 +269,11 @@ class Draft:
                 continue
             failed = any(ledger.tries[step, kind] for kind in TaskKind.HANDLING)
             # Deliveries to a source wait for a person who frees their place.
-            by_person = (
-                place.by == "person"
-                or failed
-                or (not own and name in self.work.passing)
-            )
-            team = {r.name for r in self.cell.robots} - world.out
-            robots = () if by_person else place.robots or sorted(team)
-            able = tuple(name for name in robots if name in team)
-            yield step, Disposal(step, name, able, place.pose_in(self.cell))
+            sourced = not own and name in self.work.passing
+            if place == "person" or failed or sourced:
+                yield step, Disposal(step, name, None)
+            else:
+                yield step, Disposal(step, name, place.pose_in(self.cell))
 
     def _asks_for(self, step: int, why: str, now: ReplanningState) -> bool:
         """Ask a person for the object that a step lacks; return whether the ledger changed."""

@@ -88,7 +88,7 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
     ),
     "reworked": (lambda: REWORKED, {}),
     "rejecting": (lambda: with_crate(REWORKED), {"recovery.bin": BIN}),
-    "rejecting to a person": (lambda: REWORKED, {"recovery.bin": {"by": "person"}}),
+    "rejecting to a person": (lambda: REWORKED, {"recovery.bin": "person"}),
     "rejecting in a line": (
         _inspected,
         {

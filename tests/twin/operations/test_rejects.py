@@ -134,7 +134,6 @@ def test_a_person_takes_it_after_a_drawn_time() -> None:
 @pytest.mark.parametrize(
     "values",
     [
-        {"recovery.bin": {**BIN, "robots": ["right"]}},
         {"recovery.bin": {"pose": {"xyz_m": [3, 0, 0.5]}}},
         {"recovery.bin": {"pose": {"xyz_m": [0, 0, -0.2]}}},
     ],
@@ -208,11 +207,10 @@ failures: {inspect: {probability: 0.1, then: rework, rework: {steps: [seen]}}} |
 failures: {clean: {probability: 0.1, then: rework, rework: {steps: [third]}}} | third | (valid: first, second)
 failures: {inspect: {probability: 0.1, then: rework, rework: {then: ask}}} | ask | there is nobody to ask: give recovery.ask (valid: scrap)
 failures: {inspect: {probability: 0.1, then: rework, rework: {then: again}}} | again | unknown value 'again' (valid: scrap, ask)
-recovery: {bin: {}} | {}} | where is the bin? Give pose, or by: person
-recovery: {bin: {by: person, pose: {xyz_m: [0, 0, 1]}}} | {by | where is the bin?
+recovery: {bin: {}} | {}} | key 'pose' is missing
+recovery: {bin: robot} | robot | unknown value 'robot' (valid: person)
+recovery: {bin: {by: person}} | by | unknown key 'by'
 recovery: {bin: {fixture: creat, pose: {xyz_m: [0, 0, 0.2]}}} | creat | unknown fixture 'creat'; did you mean 'crate'? (valid: crate, table, jig)
-recovery: {bin: {robots: [lefd], pose: {xyz_m: [0, 0, 0.2]}}} | lefd | unknown robot 'lefd'; did you mean 'left'?
-recovery: {bin: {by: machine, pose: {xyz_m: [0, 0, 0.2]}}} | machine | unknown value 'machine' (valid: robot, person)
 recovery: {remove_s: 3, remove: {kind: fixed, value_s: 3}} | {remove_s | give remove_s or remove, not both
 """)
 
@@ -222,8 +220,8 @@ def test_what_cannot_be_rejected_so_is_refused(
     tmp_path: Path, section: str, at: str, says: str
 ) -> None:
     text = with_crate(REWORKED).replace("execution:\n", f"execution:\n  {section}\n")
-    (problem,) = refusal(tmp_path, text).problems
-    assert says in problem.message
+    found = refusal(tmp_path, text).problems
+    (problem,) = (own for own in found if says in own.message)
     (row,) = [k for k, line in enumerate(text.splitlines()) if section in line]
     assert problem.mark.line == row + 1
     assert problem.mark.column == 3 + section.rindex(at)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from twin.document.validation import Problems, check_known_name
-from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.section import PartsSection
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.execution import ExecutionSection
@@ -12,32 +11,22 @@ from twin.scenario.sections.execution import ExecutionSection
 def find_reject_problems(
     section: PartsSection, execution: ExecutionSection, cell: CellSection
 ) -> Problems:
-    """Yield unknown fixtures and robots of the bin, and steps that are not done again when a process fails.
-
-    Args:
-        section: the assembly, which may have problems of its own.
-        execution: what is done again, and the bin.
-        cell: its fixtures and robots.
-    """
-    if (own := execution.recovery.bin) is not None:
-        at: KeyPath = ("execution", "recovery", "bin")
-        fixtures = [item.name for item in cell.fixtures]
-        yield from check_known_name((*at, "fixture"), "fixture", own.fixture, fixtures)
-        robots = [robot.name for robot in cell.robots]
-        for i, name in enumerate(own.robots or ()):
-            yield from check_known_name((*at, "robots", i), "robot", name, robots)
-        if own.by == "robot" and any(robot.tools for robot in cell.robots):
-            words = "robots that change tools put nothing into a bin"
-            yield at, f"{words} (valid: by: person)"
+    """Yield problems of the bin, and steps that are not done again when a process fails."""
+    place, at = execution.recovery.bin, ("execution", "recovery", "bin")
+    if place is not None and place != "person":
+        known, name = [item.name for item in cell.fixtures], place.fixture
+        yield from check_known_name((*at, "fixture"), "fixture", name, known)
+        if any(robot.tools for robot in cell.robots):
+            yield at, "robots that change tools put nothing into a bin (valid: person)"
     for skill, said in execution.failures.items():
         checks = [k for k, step in enumerate(section.steps) if step.process == skill]
         again = (name for k in checks for name in _done_again(section, k))
         valid = tuple(dict.fromkeys(again))
         for i, name in enumerate((said.rework and said.rework.steps) or ()):
             if name not in valid:
-                at = ("execution", "failures", skill, "rework", "steps", i)
+                key = ("execution", "failures", skill, "rework", "steps", i)
                 words = f"{name} is no step that works at what {skill} rejects, before that and where it lies"
-                yield at, f"{words} (valid: {', '.join(valid) or 'none'})"
+                yield key, f"{words} (valid: {', '.join(valid) or 'none'})"
 
 
 def _done_again(section: PartsSection, number: int) -> list[str]:

@@ -6,21 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import (
-    Field,
-    GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
-    model_validator,
-)
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from planning.bounds import LONGEST_S
 from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
-from planning.transforms import Transform, read_only_copy
-from twin.document.section import Name, Section, Several
+from planning.transforms import Transform
+from twin.document.section import Name, Section
 from twin.document.yaml_text import KeyPath
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
@@ -134,31 +128,20 @@ class AskSection(Section):
 
 
 class BinSection(Section):
-    """A bin for parts that are scrapped.
+    """A bin into which robots drop parts that are scrapped.
 
     Attributes:
-        by: ``robot`` drops a part into it where one can, and else a person takes it; ``person``, always.
-        fixture: fixture to which the pose belongs; the world when not given.
         pose: of a part where a robot lets go of it, over the bin.
-        robots: who may; anyone when not given.
+        fixture: fixture to which the pose belongs; the world when not given.
     """
 
-    by: Literal["robot", "person"] = "robot"
+    pose: PoseSection
     fixture: Name | None = None
-    pose: PoseSection | None = None
-    robots: Several[Name] | None = None
-
-    @model_validator(mode="after")
-    def _has_place(self) -> BinSection:
-        if (self.pose is None) == (self.by == "robot"):
-            raise ValueError("where is the bin? Give pose, or by: person without it")
-        return self
 
     def pose_in(self, cell: Workcell) -> Transform:
         """Return the pose of a part where a robot lets go of it, in the world."""
         base = [item.pose for item in cell.fixtures if item.name == self.fixture]
-        pose = np.eye(4) if self.pose is None else self.pose.transform()
-        return read_only_copy(base[0] @ pose if base else pose)
+        return base[0] @ self.pose.transform() if base else self.pose.transform()
 
 
 class RecoverySection(Section):
@@ -169,7 +152,8 @@ class RecoverySection(Section):
         shortcuts: candidates tried on each new plan.
         remove_s: how long a person takes to take what a robot holds that has nowhere to go [s].
         remove: distribution of that time, in place of ``remove_s``.
-        bin: where parts go that are scrapped; they stay where they are when not given.
+        bin: into which a robot drops a part that is scrapped, or a person, if none can; ``person``: a person takes
+            each from where it lies; they stay there when not given.
         again: how often a skill is planned anew with what it was to be done with, before its step is
             given up.
         ask: who is asked before that, and before a step is given up of which nothing is left; None for nobody.
@@ -179,7 +163,7 @@ class RecoverySection(Section):
     shortcuts: Annotated[int, Field(ge=0, le=1_000_000)] = 60
     remove_s: Annotated[float, Field(ge=0, le=3600)] = 10.0
     remove: AnyDuration | None = None
-    bin: BinSection | None = None
+    bin: BinSection | Literal["person"] | None = None
     again: Annotated[int, Field(ge=0, le=100)] = 3
     ask: AskSection | None = None
 
