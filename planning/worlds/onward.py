@@ -73,7 +73,7 @@ class ReplanningState:
         given_up: steps that will not be done.
         evading: robots that make way: they go HOME with what they hold, and return later.
         rejected: rejected parts that have to go, by the number of the given-up step.
-        reworked: steps that are done again before a step, in their order, by its number.
+        reworked: steps that are done again before a step, one after another, by its number.
     """
 
     world: World

@@ -109,7 +109,8 @@ class FailureTriage:
             elif said.then == "rework" and (
                 before := self._processes_at(tpg, trigger, task)
             ):
-                self.ledger.reworked[task.step] = tuple(work.step for work in before)
+                order = (work.step for work in before if said.named)
+                self.ledger.reworked[task.step] = tuple(order)
                 reopened |= {work.step: frozenset[str]() for work in before}
                 reopened[task.step] = frozenset({task.robot})
                 *most, last = [work.label for work in before]
@@ -140,11 +141,9 @@ class FailureTriage:
     ) -> list[Task]:
         """Return the processes to be repeated before a failed one, by step.
 
-        Those that were done to its part since that was last handled, or the named ones of them, apart from steps
-        that are abandoned.
+        Those done to its part since that was last handled, or the named ones, apart from abandoned steps.
         """
-        rework = self._said(task).rework
-        named = None if rework is None else rework.steps
+        named = self._said(task).named
         clock, counts = trigger.clock, trigger.released
         if clock is not None:
             counts = tuple(map(len, clock.ended_s))
@@ -156,7 +155,7 @@ class FailureTriage:
             t.step: t
             for t in own
             if t.step > since and t.kind not in _NO_PROCESS and t.index in done
-            if named is None or self.is_named(t.step, named)
+            if not named or self.is_named(t.step, named)
         }
         return [works[k] for k in sorted(works.keys() - self.ledger.undone)]
 

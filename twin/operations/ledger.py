@@ -29,7 +29,7 @@ class LedgerEntries:
         asks: questions to a person.
         measured: measured poses of displaced parts.
         rejected: parts that are scrapped, by the number of the step that rejected each.
-        reworked: steps that were done again last before a step, in their order, by its number.
+        reworked: named steps that were done again last before a step, in their order, by its number.
     """
 
     resting: Mapping[int, frozenset[int]]

@@ -284,10 +284,15 @@ class SkillFailure(Section):
             raise ValueError("rework says what is done again: give then: rework, too")
         return self
 
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Names of the steps that are done again; empty for all that was done to the part."""
+        return () if self.rework is None else self.rework.steps or ()
+
     def most(self, again: int) -> int:
         """Return how often a skill is planned again after failures, ``recovery.again`` if it does not say."""
-        own = self.rework and self.rework.times
-        return again if own is None else own
+        times = None if self.rework is None else self.rework.times
+        return times or again
 
     def of(self, robot: str, part: str | None) -> float:
         """Return the probability that an attempt of a robot with a part fails, whatever the reason."""

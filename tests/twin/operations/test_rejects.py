@@ -245,7 +245,16 @@ OFTEN = {"failures.inspect": {"probability": 0.5, "retries": 0, "then": "rework"
         ({"failures.inspect": NEVER}, {}, False),
         (OFTEN, {"operate": False}, False),
         (OFTEN, {"policies": ["sequential"]}, False),
-        ({}, {"vary": {"failures.inspect.then": ["again", "scrap"]}}, True),
+        (
+            {"failures.inspect": {**NEVER, "probability": 0.0, "then": "scrap"}},
+            {},
+            False,
+        ),
+        (
+            {"failures.inspect": NEVER},
+            {"vary": {"failures.inspect.then": ["again", "scrap"]}},
+            True,
+        ),
     ],
 )
 def test_a_study_operates_where_parts_may_be_rejected(

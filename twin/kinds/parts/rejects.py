@@ -22,7 +22,7 @@ def find_reject_problems(
         checks = [k for k, step in enumerate(section.steps) if step.process == skill]
         again = (name for k in checks for name in _done_again(section, k))
         valid = tuple(dict.fromkeys(again))
-        for i, name in enumerate((said.rework and said.rework.steps) or ()):
+        for i, name in enumerate(said.named):
             if name not in valid:
                 key = ("execution", "failures", skill, "rework", "steps", i)
                 words = f"{name} is no step that works at what {skill} rejects, before that and where it lies"

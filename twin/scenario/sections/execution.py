@@ -315,8 +315,9 @@ class ExecutionSection(Disturbances):
 
     @property
     def rejecting(self) -> tuple[str, ...]:
-        """Processes after which a part is worked at again or scrapped."""
-        return tuple(k for k, own in self.failures.items() if own.then != "again")
+        """Processes that may fail, and after which a part is worked at again or scrapped."""
+        found = {k: own for k, own in self.failures.items() if own.then != "again"}
+        return tuple(k for k, own in found.items() if own.probability or own.parts)
 
     def may_be_replanned(self) -> bool:
         """Tell whether anything may happen that requires replanning."""

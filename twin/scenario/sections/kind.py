@@ -132,7 +132,7 @@ class AssemblyKind(Protocol):
             words = "a bin is for assemblies of parts that are planned step by step"
             yield ("execution", "recovery", "bin"), f"{words}: leave it out"
         for skill, own in execution.failures.items():
-            if own.rework is not None and own.rework.steps:
+            if own.named:
                 at = ("execution", "failures", skill, "rework", "steps")
                 yield at, "only steps of assemblies of parts have names: leave it out"
 
