@@ -9,7 +9,8 @@ import numpy as np
 from planning.bounds import LARGEST_M
 from planning.cad.glb_bodies import read_bodies
 from planning.cad.part_types import PartType, sort_by_shape
-from planning.cad.step_file import place_of_circle, triangulate_step
+from planning.cad.step_file import read_step, triangulate_step
+from planning.cad.step_text import place_of_circle
 from planning.errors import RequestError
 
 _DEVIATIONS = (1e-5, 5e-5, 2e-4)
@@ -43,7 +44,8 @@ def read_assembly(file: Path) -> tuple[list[PartType], list[str]]:
         notes.append(f"round surfaces are met to within {deviation * 1e3:g} mm")
     if not bodies:
         found = "; ".join(notes) or "it has no shapes"
-        raise RequestError(f"{place_of_circle(file)}: no solid bodies: {found}")
+        place = place_of_circle(file, read_step(file))
+        raise RequestError(f"{place}: no solid bodies: {found}")
     if len(bodies) < 2:
         raise RequestError(
             f"{file}: it has one body, and an assembly has two or more: export the"

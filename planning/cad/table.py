@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from planning.cad.layout import Area, Table
 from planning.cell.workcell import Workcell
 from planning.errors import RequestError
 from planning.transforms import Array
@@ -19,6 +21,40 @@ _FROM_ROBOT, _FROM_FIXTURE = 0.2, 0.08
 
 _STEP = 0.02
 """Step between places of the assembly that are tried [m]."""
+
+
+class Area(NamedTuple):
+    """A rectangle seen from above: its corners, shape (2,) [m]."""
+
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table, and what stands on it.
+
+    Attributes:
+        area: its top.
+        top: height of that [m].
+        obstacles: what stands there, with the room that it needs [m].
+        middle: of the assembly, shape (2,) [m].
+    """
+
+    area: Area
+    top: float
+    obstacles: list[tuple[Area, float]]
+    middle: Array
+
+    def is_free(
+        self, at: Array, area: Area, room: float = 0.0
+    ) -> npt.NDArray[np.bool_]:
+        """Tell at which places, shape (n, 2), an area has some room around it among the obstacles [m]."""
+        free = np.ones(len(at), dtype=bool)
+        for other, kept in self.obstacles:
+            apart = np.maximum(at + area.low - other.high, other.low - at - area.high)
+            free &= apart.max(axis=1) >= max(room, kept)
+        return free
 
 
 def find_table(cell: Workcell, base: str) -> Table:
@@ -46,11 +82,10 @@ def find_table(cell: Workcell, base: str) -> Table:
         for a, b in boxes.values()
         if b[2] > high[2] + 1e-3
     ]
-    for robot in cell.robots:
-        at = robot.base[:2, 3]
-        obstacles.append((Area(at, at), _FROM_ROBOT))
+    bases = (robot.base[:2, 3] for robot in cell.robots)
+    obstacles += [(Area(at, at), _FROM_ROBOT) for at in bases]
     area = Area(low[:2], high[:2])
-    return Table(area, float(high[2]), tuple(obstacles), 0.5 * (low + high)[:2])
+    return Table(area, float(high[2]), obstacles, 0.5 * (low + high)[:2])
 
 
 def best_place(
@@ -65,17 +100,11 @@ def best_place(
     """
     centre = 0.5 * (table.area.low + table.area.high)
     counts = ((table.area.high - centre) / _STEP).astype(int)
-    xs, ys = (
-        middle + _STEP * np.arange(-count, count + 1)
-        for middle, count in zip(centre, counts, strict=True)
-    )
-    at = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
+    steps = (_STEP * np.arange(-count, count + 1) for count in counts)
+    at = centre + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
     free = np.all(at + area.low >= table.area.low, axis=1)
     free &= np.all(at + area.high <= table.area.high, axis=1)
-    for other, room in table.obstacles:
-        apart = np.maximum(at + area.low - other.high, other.low - at - area.high)
-        free &= apart.max(axis=1) >= room
-    at = at[free]
+    at = at[free & table.is_free(at, area)]
     if not len(at):
         return None
     away = np.linalg.norm(at[:, None] - np.array(bases), axis=2)
