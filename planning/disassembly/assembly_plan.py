@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import networkx as nx
 import numpy as np
 
-from planning.disassembly.blocking import Blocking, frame_along
+from planning.disassembly.blocking import Blocking
 from planning.disassembly.body import AssemblyBody
 from planning.disassembly.directions import (
     different,
@@ -28,7 +28,7 @@ from planning.disassembly.standing_states import BodyHold, StandingStates
 from planning.disassembly.surface_contacts import surface_contacts
 from planning.errors import RequestError, TwinError
 from planning.statics.standing_rules import StandingRules
-from planning.transforms import Array
+from planning.transforms import Array, frame_along
 
 UP = (0.0, 0.0, 1.0)
 

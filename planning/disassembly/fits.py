@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from planning.disassembly.blocking import DEEPEST_PRESS, Blocking
-from planning.disassembly.reduced_surface import Surface
+from planning.disassembly.body import Surface
 from planning.disassembly.surface_contacts import Patches
 from planning.statics.contact_patch import ContactPatch
 from planning.transforms import Array, Indices

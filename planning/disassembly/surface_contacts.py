@@ -6,11 +6,11 @@ from itertools import combinations
 
 import numpy as np
 
-from planning.disassembly.blocking import Blocking, frame_along
-from planning.disassembly.reduced_surface import Surface
+from planning.disassembly.blocking import Blocking
+from planning.disassembly.body import Surface
 from planning.disassembly.triangle_tree import contact_corners, view_of
 from planning.statics.contact_patch import ContactPatch
-from planning.transforms import Array
+from planning.transforms import Array, frame_along
 
 _SAME = 0.98
 """Least cosine of normals of faces that count as turned the same way."""
