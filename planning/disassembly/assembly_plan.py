@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
@@ -141,17 +143,12 @@ def plan_assembly(
         )
     if base not in names:
         raise RequestError(f"there is no body {base}", choices=tuple(names))
-    search = _Disassembly(
-        bodies,
-        np.array(up, dtype=float) / np.linalg.norm(up),
-        touch_m,
-        rules or StandingRules(),
-    )
+    upward = np.array(up, dtype=float) / np.linalg.norm(up)
+    search = _Disassembly(bodies, upward, touch_m, rules or StandingRules())
     return replace(search.plan(names, base), fits=search.fits())
 
 
-@dataclass(frozen=True, eq=False)
-class _Removal:
+class _Removal(NamedTuple):
     """Bodies that are moved out as one, and the direction."""
 
     bodies: tuple[str, ...]
@@ -172,19 +169,14 @@ class _Disassembly:
         self._up, self._rules = up, rules
         self._bodies = {body.name: body for body in bodies}
         self._patches = surface_contacts(self._blocking, touch)
-        names = self._blocking.names
+        names, near = self._blocking.names, self._blocking.near
         surfaces = self._blocking.surfaces
         own = {name: face_directions(surfaces[name]) for name in names}
-        beside = {
-            name: [
-                n for n in names if n != name and self._blocking.near(name, n, _NEAR)
-            ]
-            for name in names
-        }
-        self._directions = {
-            name: self._sorted([*own[name], *most_common(own[n] for n in others)])
-            for name, others in beside.items()
-        }
+        self._directions = {}
+        for name in names:
+            beside = (own[n] for n in names if n != name and near(name, n, _NEAR))
+            found = self._sorted([*own[name], *most_common(beside)])
+            self._directions[name] = found
         self._common = self._sorted(most_common(own.values()))
         self._all = different([*self._common, *spread_directions()])
         self._height = {n: float((s.vertices @ up).max()) for n, s in surfaces.items()}
@@ -200,11 +192,10 @@ class _Disassembly:
 
     def plan(self, names: Collection[str], base: str) -> AssemblyPlan:
         """Return how some of the bodies are put together, however the others are."""
-        frame = frame_along(self._up)
-        own = {name: self._bodies[name] for name in names}
-        rules = self._rules
-        if len(own) > _MOST_TILTED:
+        frame, rules = frame_along(self._up), self._rules
+        if len(names) > _MOST_TILTED:
             rules = replace(rules, tilt=0.0)
+        own = [self._bodies[name] for name in names]
         states = StandingStates(own, self._patches, base, frame, rules)
         remaining = dict.fromkeys(names)
         removed: list[_Removal] = []
@@ -245,7 +236,7 @@ class _Disassembly:
         self, remaining: Mapping[str, None], base: str, states: StandingStates
     ) -> _Removal:
         """Return what is removed next: what leaves the rest standing, upwards where possible, the highest first."""
-        found: list[tuple[float, float, _Removal]] = []
+        found: list[tuple[float, float, str, Array]] = []
         for directions in (self._directions, dict.fromkeys(remaining, self._all)):
             for name in remaining:
                 if name == base:
@@ -253,31 +244,30 @@ class _Disassembly:
                 free = self._free(name, remaining, directions[name])
                 if (direction := next(free, None)) is not None:
                     steep = round(float(direction @ self._up), 6)
-                    removal = _Removal((name,), direction)
-                    found.append((steep, self._height[name], removal))
+                    found.append((steep, self._height[name], name, direction))
             if found:
                 break
         if not found:
             return self._sub_assembly(remaining, base)
         found.sort(key=lambda item: item[:2], reverse=True)
-        enough = states.falling(remaining)
-        best, least = found[0][2], len(remaining)
-        for *_, removal in found:
-            falling = states.falling(remaining.keys() - set(removal.bodies))
+        enough, least = states.falling(remaining), len(remaining)
+        *_, best, along = found[0]
+        for *_, name, direction in found:
+            falling = states.falling(remaining.keys() - {name})
             if falling < least:
-                best, least = removal, falling
+                best, along, least = name, direction, falling
             if falling <= enough:
                 break
-        return self._shortest(best, remaining)
+        return self._shortest(best, along, remaining)
 
-    def _shortest(self, removal: _Removal, remaining: Mapping[str, None]) -> _Removal:
+    def _shortest(
+        self, name: str, along: Array, remaining: Mapping[str, None]
+    ) -> _Removal:
         """Return the removal of a body along the direction as steep as the given one that is clear soonest."""
-        (name,), steep = removal.bodies, float(removal.direction @ self._up)
         others = [other for other in remaining if other != name]
-        even = [
-            d for d in self._directions[name] if abs(float(d @ self._up) - steep) < 1e-6
-        ]
-        free = list(self._free(name, remaining, even)) or [removal.direction]
+        up, own = self._up, self._directions[name]
+        even = [d for d in own if abs(float(d @ up) - float(along @ up)) < 1e-6]
+        free = list(self._free(name, remaining, even)) or [along]
         lengths = [self._blocking.clear_length(name, others, d) for d in free]
         return _Removal((name,), free[int(np.round(lengths, 4).argmin())])
 
@@ -289,18 +279,12 @@ class _Disassembly:
             key = name, direction.tobytes()
             if self._witness.get(key) in remaining:
                 continue
-            found = next(
-                (
-                    other
-                    for other in remaining
-                    if other != name and self._blocking.blocks(other, name, direction)
-                ),
-                None,
-            )
-            if found is None:
-                yield direction
+            for other in remaining:
+                if other != name and self._blocking.blocks(other, name, direction):
+                    self._witness[key] = other
+                    break
             else:
-                self._witness[key] = found
+                yield direction
 
     def _graph(self, names: Iterable[str], direction: Array) -> nx.DiGraph[str]:
         """Return the graph with an edge from each body to those that are in its way."""
@@ -308,9 +292,8 @@ class _Disassembly:
         graph.add_nodes_from(names)
         graph.add_edges_from(
             (one, other)
-            for one in graph
-            for other in graph
-            if one != other and self._blocking.blocks(other, one, direction)
+            for one, other in permutations(graph, 2)
+            if self._blocking.blocks(other, one, direction)
         )
         return graph
 
@@ -355,15 +338,10 @@ class _Disassembly:
         """Return which insertions must come before which, as the former could not be done after the latter."""
         graph: nx.DiGraph[int] = nx.DiGraph()
         graph.add_nodes_from(range(len(removed)))
-        for k, removal in enumerate(removed):
-            graph.add_edges_from(
-                (k, m)
-                for m, others in enumerate(removed)
-                if m != k
-                and any(
-                    self._blocking.blocks(other, name, removal.direction)
-                    for name in removal.bodies
-                    for other in others.bodies
-                )
-            )
+        for (k, (own, direction)), (m, (others, _)) in permutations(
+            enumerate(removed), 2
+        ):
+            pairs = product(others, own)
+            if any(self._blocking.blocks(*pair, direction) for pair in pairs):
+                graph.add_edge(k, m)
         return graph
