@@ -158,47 +158,37 @@ def _places(
 def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
     """Tell whether a robot reaches a station with every grip."""
     top, frames = top_pose(plate, station), robot.model.frames
-    grips = (
-        BrickGrip(frames, station.brick, top, p) for p in legal_presses(station.brick)
-    )
-    return all(
-        any(
-            isinstance(found, SkillPath)
-            for found in skill_postures(robot, pick_targets(grip))
-        )
-        for grip in grips
-    )
+    for press in legal_presses(station.brick):
+        grip = BrickGrip(frames, station.brick, top, press)
+        paths = skill_postures(robot, pick_targets(grip))
+        if not any(isinstance(found, SkillPath) for found in paths):
+            return False
+    return True
 
 
+@dataclass(frozen=True)
 class Finished:
     """Picks at stations next to the finished model.
 
-    Args:
+    Attributes:
         robots: of the cell.
         plate: of the model.
         structure: the bricks of the model in their places.
         obstacles: what stands among them.
     """
 
-    def __init__(
-        self,
-        robots: tuple[PlacedRobot, ...],
-        plate: Plate,
-        structure: Sequence[LegoStep],
-        obstacles: Sequence[Fixture] = (),
-    ) -> None:
-        self._robots, self._plate = robots, plate
-        self._obstacles = tuple(obstacles)
-        self._steps = tuple(structure)
-        self._twist = dict(DEFAULT_TWIST)
+    robots: tuple[PlacedRobot, ...]
+    plate: Plate
+    structure: Sequence[LegoStep]
+    obstacles: Sequence[Fixture] = ()
 
     def stays_free(self, robot: str, station: Station) -> bool:
         """Tell whether a robot can pick at a station with every grip next to the finished model."""
         stock = (StockBrick("station", station.brick, station.cell, station=True),)
-        assembly = LegoAssembly(self._plate, stock, self._steps, self._twist)
-        objects, plate = stock_objects(assembly), plate_fixture(self._plate)
-        fixtures = plate, *self._obstacles
-        cell = Workcell(self._robots, fixtures, objects, Clearances())
+        steps = tuple(self.structure)
+        assembly = LegoAssembly(self.plate, stock, steps, dict(DEFAULT_TWIST))
+        fixtures = plate_fixture(self.plate), *self.obstacles
+        cell = Workcell(self.robots, fixtures, stock_objects(assembly), Clearances())
         skills = BrickSkills(BrickWorld(cell, assembly))
         for press in legal_presses(station.brick):
             found = skills.pick(robot, "station", grasp_number(press))
@@ -244,12 +234,7 @@ def _content(
     corner = (studs - wide) // 2, (STUDS - deep) // 2
     plate = Plate(translation(*_PLATE), (studs, STUDS))
     span = GridSpan(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
-    placed = [
-        LegoStep(
-            i.brick, replace(i.cell, x=i.cell.x + corner[0], y=i.cell.y + corner[1])
-        )
-        for i in model.bricks
-    ]
+    placed = [LegoStep(i.brick, _moved(i.cell, corner)) for i in model.bricks]
     boxes = obstacle_fixtures(model, corner, plate)
     standing = [
         Fixture(
@@ -306,16 +291,15 @@ def _fits(model: BrickModel) -> bool:
 
 def structure_content(model: BrickModel, corner: tuple[int, int]) -> dict[str, Any]:
     """Return a model as the structure of a scenario, its least corner at a stud of the plate."""
-    x, y = corner
-    bricks = [
-        {
-            "brick": item.brick.name,
-            **replace(item.cell, x=item.cell.x + x, y=item.cell.y + y).entry,
-            **_colour(item),
-        }
-        for item in model.bricks
-    ]
+    bricks = []
+    for item in model.bricks:
+        at = _moved(item.cell, corner).entry
+        bricks.append({"brick": item.brick.name, **at, **_colour(item)})
     return {"bricks": bricks}
+
+
+def _moved(cell: Cell, corner: tuple[int, int]) -> Cell:
+    return replace(cell, x=cell.x + corner[0], y=cell.y + corner[1])
 
 
 def own_types(model: BrickModel) -> dict[str, Any]:
@@ -342,13 +326,7 @@ def own_types(model: BrickModel) -> dict[str, Any]:
 def obstacle_fixtures(
     model: BrickModel, corner: tuple[int, int], plate: Plate
 ) -> list[dict[str, Any]]:
-    """Return the obstacles of a model as fixtures of a scenario.
-
-    Args:
-        model: its bricks and obstacles.
-        corner: stud of the plate at its least corner.
-        plate: that it stands on.
-    """
+    """Return the obstacles of a model as fixtures of a scenario, its least corner at a stud of the plate."""
     fixtures = []
     for number, item in enumerate(model.obstacles, start=1):
         low, high = np.array(item.low), np.array(item.high)

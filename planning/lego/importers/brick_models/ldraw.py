@@ -114,22 +114,23 @@ def read_ldraw(
     ]
     if unfit and unknown == "refuse":
         raise _unknown_parts(path, unfit, with_library=library is not None)
-    placed = [part for part in parts if part.name not in reasons]
-    tilted = [(part, fault) for part in placed if (fault := _tilt(part))]
-    if len(tilted) == len(placed) or unknown == "refuse":
+    upright = [part for part in parts if part.name not in reasons]
+    tilts = [_tilt(part) for part in upright]
+    tilted = [own for own in zip(upright, tilts, strict=True) if own[1]]
+    if len(tilted) == len(upright) or unknown == "refuse":
         _check(path, tilted or unfit, "no part of the model stands as a brick")
-    placed = _others(placed, tilted)
+    placed = [p for p, tilt in zip(upright, tilts, strict=True) if not tilt]
     boxes = np.array([_box(part, shapes[part.name]) for part in placed])
     origin, away = _grid(boxes[:, 0])
-    apart = zip(placed, away, strict=True)
-    off = [(part, fault) for part, own in apart if (fault := _distance(part, own))]
+    gaps = [_distance(part, own) for part, own in zip(placed, away, strict=True)]
+    off = [own for own in zip(placed, gaps, strict=True) if own[1]]
     fits = len(placed) - len(off)
     if unknown == "refuse":
         _check(path, off, f"{fits} of {len(placed)} parts are on one grid of studs")
     bricks = [
         _brick(part, shapes[part.name], (box - origin) / _UNIT, document.colours)
-        for part, box, distance in zip(placed, boxes, away, strict=True)
-        if not _distance(part, distance)
+        for part, box, gap in zip(placed, boxes, gaps, strict=True)
+        if not gap
     ]
     notes = list(_notes(document, placed))
     if not np.array_equal(frame, np.eye(4)):
@@ -150,12 +151,6 @@ def read_ldraw(
         )
     obstacles = _obstacles(path, others, found, origin) if unknown == "box" else ()
     return finish_partial_model(path, bricks, obstacles, notes)
-
-
-def _others(parts: Sequence[Reference], faults: Sequence[Fault]) -> list[Reference]:
-    """Return the parts without those that have a fault."""
-    known = {id(part) for part, _ in faults}
-    return [part for part in parts if id(part) not in known]
 
 
 def _unknown_parts(
@@ -265,21 +260,17 @@ def _frame(parts: Sequence[Reference]) -> Array:
 
 
 def _is_upright(turn: Array) -> bool:
-    return isinstance(_quarter(turn), int)
+    return not _misturn(turn)
 
 
 def _tilt(part: Reference) -> str:
     """Return how a part does not stand upright; nothing where it does."""
-    found = _quarter(part.pose[:3, :3])
-    return (
-        f"{part.words} is {found}; bricks stand upright"
-        if isinstance(found, str)
-        else ""
-    )
+    found = _misturn(part.pose[:3, :3])
+    return found and f"{part.words} is {found}; bricks stand upright"
 
 
-def _quarter(turn: Array) -> int | str:
-    """Return a rotation as quarter turns about y, or a description of it where it is none."""
+def _misturn(turn: Array) -> str:
+    """Return how a rotation is other than by quarter turns about y; nothing where it is not."""
     if not np.allclose(turn @ turn.T, np.eye(3), atol=2 * _ROUND):
         return "scaled or sheared"
     up = float(turn[1, 1])
@@ -290,10 +281,9 @@ def _quarter(turn: Array) -> int | str:
     if up < 1.0 - _ROUND:
         return f"tilted by {math.degrees(math.acos(up)):.0f} degrees"
     angle = math.degrees(math.atan2(turn[0, 2], turn[0, 0]))
-    quarter = round(angle / 90.0)
-    if abs(angle - 90.0 * quarter) > math.degrees(_ROUND):
+    if abs(angle - 90.0 * round(angle / 90.0)) > math.degrees(_ROUND):
         return f"turned by {angle:.0f} degrees, no quarter turn"
-    return quarter % 4
+    return ""
 
 
 def _box(part: Reference, shape: PartShape) -> Array:
@@ -318,16 +308,12 @@ def _grid(corners: Array) -> tuple[Array, Array]:
     # Every part proposes the grid it is on; equal proposals are tried once.
     rests = np.round(np.mod(corners, _UNIT) / _OFF) * _OFF % _UNIT
     proposals = Counter(map(tuple, rests.tolist()))
-    best: tuple[int, Array] | None = None
-    for rest, _ in proposals.most_common(50):
-        at = corners[(rests == rest).all(axis=1)][0]
-        fits = int((np.abs(_away(corners - at)) <= _OFF).all(axis=1).sum())
-        if best is None or fits > best[0]:
-            best = fits, at
-        if fits == len(corners):
-            break
-    assert best is not None
-    return best[1], _away(corners - best[1])
+    points = [
+        corners[(rests == rest).all(axis=1)][0] for rest, _ in proposals.most_common(50)
+    ]
+    on_grid = [np.abs(_away(corners - at)) <= _OFF for at in points]
+    best = points[int(np.argmax([own.all(axis=1).sum() for own in on_grid]))]
+    return best, _away(corners - best)
 
 
 def _distance(part: Reference, away: Array) -> str:
@@ -343,8 +329,7 @@ def _distance(part: Reference, away: Array) -> str:
 
 def _away(offset: Array) -> Array:
     """Return the distance of offsets from the nearest points of the grid."""
-    away: Array = offset - np.round(offset / _UNIT) * _UNIT
-    return away
+    return np.asarray(offset - np.round(offset / _UNIT) * _UNIT)
 
 
 def _notes(document: Document, parts: Sequence[Reference]) -> Iterator[str]:

@@ -9,17 +9,12 @@ from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
+import networkx as nx
 import numpy as np
 
 from planning.errors import ScenarioError, format_faults, format_names
 from planning.files import LARGEST, read_file
-from planning.lego.bricks.assembly import (
-    BrickType,
-    Cell,
-    GridPlace,
-    GridSpan,
-    OnGrid,
-)
+from planning.lego.bricks.assembly import BrickType, Cell, GridPlace, GridSpan, OnGrid
 from planning.lego.bricks.grid import bricks_joined_to_plate
 
 MOST_BRICKS = 20_000
@@ -145,11 +140,7 @@ class BrickModel:
 
 
 class FileFaults:
-    """Faults of a file, each at its line, reported together.
-
-    Args:
-        path: the file.
-    """
+    """Faults of a file, each at its line, reported together."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -160,16 +151,12 @@ class FileFaults:
         self._faults.append((line, message))
 
     def check(self, *, choices: Sequence[str] = (), form: str = "") -> None:
-        """Raise an error where there are faults, with valid alternatives or the expected form of a line.
-
-        Raises:
-            ScenarioError: names the first faults by line, and how many more there are.
-        """
+        """Raise the error of the faults where there are some."""
         if self._faults:
             raise self.error(choices=choices, form=form)
 
     def error(self, *, choices: Sequence[str] = (), form: str = "") -> ScenarioError:
-        """Return the error of the faults, the first of them by line, and how many more there are."""
+        """Return the error of the faults: the first by line, and how many more; with the expected form of a line."""
         lines = [f"{self._path}:{at}: {words}" for at, words in sorted(self._faults)]
         shown = format_faults(lines) + (f"\n{form}" if form else "")
         return ScenarioError(shown, choices=tuple(choices))
@@ -250,12 +237,8 @@ def finish_partial_model(
     taken = frozenset().union(*(item.places for item in bricks))
     spans = np.array([item.span for item in bricks], dtype=np.float64)
     low, high = spans[:, 0::2], spans[:, 1::2]
-    outer, above, within, hidden = (
-        list[Obstacle](),
-        list[str](),
-        list[str](),
-        set[int](),
-    )
+    outer, hidden = list[Obstacle](), set[int]()
+    above, within = list[str](), list[str]()
     for thing in obstacles:
         least, most = np.array(thing.low) + _TOUCH, np.array(thing.high) - _TOUCH
         beside = ((low < most) & (least < high))[:, :2].all(axis=1)
@@ -358,20 +341,11 @@ def _overlaps(bricks: Sequence[ModelBrick]) -> list[tuple[int, int]]:
 def _largest_group(bricks: Sequence[ModelBrick]) -> set[int]:
     """Return the largest group of bricks that are joined to each other."""
     owner = {place: k for k, item in enumerate(bricks) for place in item.places}
-    left, best = set(range(len(bricks))), set[int]()
-    for start in range(len(bricks)):
-        if start not in left:
-            continue
-        group, front = {start}, [start]
-        while front:
-            places = bricks[front.pop()].places
-            near = {owner.get((x, y, z + dz)) for x, y, z in places for dz in (-1, 1)}
-            new = {k for k in near if k is not None} - group
-            group |= new
-            front += new
-        left -= group
-        best = max(best, group, key=len)
-    return best
+    graph: nx.Graph[int] = nx.Graph()
+    graph.add_nodes_from(range(len(bricks)))
+    above = ((k, owner.get((x, y, z + 1))) for (x, y, z), k in owner.items())
+    graph.add_edges_from((k, other) for k, other in above if other is not None)
+    return max(nx.connected_components(graph), key=len)
 
 
 def _held(bricks: Sequence[ModelBrick]) -> set[int]:

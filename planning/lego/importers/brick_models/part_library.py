@@ -91,10 +91,10 @@ class PartLibrary:
         if name not in self._shapes:
             self._open.clear()
             try:
-                found: PartShape | str | None = part_shape(self._geometry(name))
+                shape = part_shape(self._geometry(name))
+                self._shapes[name] = shape or "nothing is drawn in it"
             except ScenarioError as error:
-                found = str(error)
-            self._shapes[name] = "nothing is drawn in it" if found is None else found
+                self._shapes[name] = str(error)
         return self._shapes[name]
 
     def colours(self) -> dict[int, Colour]:
@@ -198,7 +198,7 @@ class PartLibrary:
         for folder in _FOLDERS:
             path: Path | None = self._folder
             for step in [*folder.split("/"), *steps]:
-                path = None if path is None else self._entry(path, step)
+                path = path and self._entry(path, step)
             if path is not None:
                 require_inside(path, self._folder)
                 return path
