@@ -47,11 +47,7 @@ def _limit() -> None:
 
 
 class _Files:
-    """Access to files below some folders.
-
-    Args:
-        folders: the folders.
-    """
+    """Access to files below some folders."""
 
     def __init__(self, folders: list[str]) -> None:
         self._folders = [Path(folder).resolve() for folder in folders]
@@ -59,14 +55,9 @@ class _Files:
     def open(self, name: str, mode: str = "r") -> io.StringIO:
         """Return the content of a regular file below one of the folders."""
         path = Path(name).resolve()
-        within = [f for f in self._folders if path.is_relative_to(f)]
-        hidden = [
-            part
-            for f in within[:1]
-            for part in path.relative_to(f).parts
-            if part.startswith(".")
-        ]
-        if not within or hidden:
+        top = next((f for f in self._folders if path.is_relative_to(f)), None)
+        parts = (".",) if top is None else path.relative_to(top).parts
+        if any(part.startswith(".") for part in parts):
             raise PermissionError(13, f"not below {self._folders[0]}", str(path))
         if not path.is_file():
             raise FileNotFoundError(2, "no such file", str(path))
@@ -98,12 +89,7 @@ class _Files:
 
 
 def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
-    """Return a xacro file as plain XML.
-
-    Args:
-        path: the file.
-        arguments: of the file, by name.
-        folders: below which files may be opened.
+    """Return a xacro file as plain XML, given its arguments and the folders below which files may be opened.
 
     Raises:
         Exception: whatever xacro and the readers of XML and YAML raise.
@@ -116,12 +102,10 @@ def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
     def refuse_variable(name: str, *_: object, **__: object) -> str:
         raise LookupError(f"the environment is not read: {name[:60]!r}")
 
-    def quiet(*_: object) -> str:
-        return ""
-
     def fatal(*words: object) -> None:
         raise ValueError(" ".join(map(str, words))[:500])
 
+    quiet = ("message", "warning", "error", "print_location")
     own: dict[str, Callable[..., Any]] = {
         "load_yaml": xacro.load_yaml,
         "dotify": xacro.YamlDictWrapper,
@@ -129,7 +113,7 @@ def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
         "tokenize": lambda text: xacro.tokenize(text),
         "fatal": fatal,
         "arg": lambda name: xacro.substitution_args_context["arg"][name],
-        **dict.fromkeys(("message", "warning", "error", "print_location"), quiet),
+        **dict.fromkeys(quiet, lambda *_: ""),
     }
     functions = dict(FUNCTIONS) | {f"xacro.{name}": item for name, item in own.items()}
     functions |= {"load_yaml": xacro.load_yaml}
@@ -139,10 +123,9 @@ def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
 
     def evaluate_argument(text: str, context: Mapping[str, Any]) -> str:
         known = context.get("arg", {})
-        kinds = {
-            k: substitution_args.convert_value(v, "auto") for k, v in known.items()
-        }
-        more = {"arg": lambda name: kinds[name], "find": files.find}
+        convert = substitution_args.convert_value
+        kinds = {name: convert(value, "auto") for name, value in known.items()}
+        more = {"arg": kinds.__getitem__, "find": files.find}
         return str(evaluate(text, kinds, functions | more))
 
     def refuse(*_: object) -> None:
@@ -188,10 +171,8 @@ def main() -> None:
             import xacro
             from xacro import substitution_args
 
-            stack = [
-                Path(name).name for name in getattr(xacro, "filestack", ()) if name
-            ]
-            answer["file"] = stack[-1] if stack else ""
+            stack = [name for name in getattr(xacro, "filestack", ()) if name]
+            answer["file"] = Path(stack[-1]).name if stack else ""
             cause: object = error
             while cause is not None:
                 if isinstance(cause, substitution_args.ArgException):
