@@ -44,12 +44,7 @@ class Neighbours(NamedTuple):
 
 
 def list_neighbours(model: PredictionModel, problem: AssignmentProblem) -> Neighbours:
-    """Return the neighbours of assignments.
-
-    Args:
-        model: with the choices of all steps in their order.
-        problem: the assignment problem of the choices.
-    """
+    """Return the neighbours of assignments, given the problem of all choices of a model."""
     objects = sorted({choice.object for choice in model.choices})
     number = {name: k for k, name in enumerate(objects)}
     after = [

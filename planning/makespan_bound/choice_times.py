@@ -75,14 +75,7 @@ def least_seconds(speed: SpeedModel, turning: np.ndarray, apart: Array) -> Array
 
 
 class ChoiceReader:
-    """Computes the least times of choices from their tasks.
-
-    Args:
-        cell: where it is built.
-        work: what is built.
-        plan: any plan of it.
-        settings: how tasks are turned into motions.
-    """
+    """Computes the least times of choices from their tasks, given any plan of what is built."""
 
     def __init__(
         self, cell: Workcell, work: Assembly, plan: TaskPlan, settings: MotionSettings
