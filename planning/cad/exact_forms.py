@@ -93,10 +93,6 @@ class RodForm:
                     return pose
         return None
 
-    def aligned(self, pose: Transform) -> tuple[RodForm, Transform]:
-        """Return the form of the same body in the frame that is turned least, and the pose of that."""
-        return self, self.upright(pose)
-
     def upright(self, pose: Transform) -> Transform:
         """Return the pose of the same body that is turned least from the axes of the world."""
         axis, sizes = pose[:3, 2], np.array(self.rows)
@@ -122,10 +118,6 @@ class BallForm:
         """Return the pose in the frame of an equal form at which this one covers it; None if they differ."""
         same = isinstance(other, BallForm) and abs(self.radius - other.radius) <= within
         return identity() if same else None
-
-    def aligned(self, pose: Transform) -> tuple[BallForm, Transform]:
-        """Return the form of the same body in the frame that is turned least, and the pose of that."""
-        return self, self.upright(pose)
 
     def upright(self, pose: Transform) -> Transform:
         """Return the pose of the same body that is turned least from the axes of the world."""

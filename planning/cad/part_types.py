@@ -12,7 +12,7 @@ from itertools import chain, count
 import numpy as np
 
 from planning.bounds import LONGEST_NAME
-from planning.cad.exact_forms import ExactForm, exact_form
+from planning.cad.exact_forms import BoxForm, ExactForm, exact_form
 from planning.cad.glb_bodies import CadBody
 from planning.cad.same_shape import ALIKE, Corners
 from planning.transforms import Array, Transform, inverse, translation
@@ -127,7 +127,11 @@ def sort_by_shape(bodies: Sequence[CadBody]) -> list[PartType]:
             form: ExactForm | None = None
             pose = body.pose @ translation(*(0.5 * (low + high)))
             if exact is not None:
-                form, pose = exact[0].aligned(body.pose @ exact[1])
+                form, pose = exact[0], body.pose @ exact[1]
+                if isinstance(form, BoxForm):
+                    form, pose = form.aligned(pose)
+                else:
+                    pose = form.upright(pose)
             frame = inverse(body.pose) @ pose
             known = PartType(readable_name(body.names), form, frame, [], corners)
             found.append(known)

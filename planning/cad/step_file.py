@@ -1,4 +1,7 @@
-"""Conversion of STEP files to triangles by the CAD kernel, in a process with limits of time and memory."""
+"""Reading of STEP files as the bodies of an assembly.
+
+The CAD kernel converts them to triangles, in a process with limits of time and memory.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,12 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
+from planning.bounds import LARGEST_M
 from planning.cad import convert_step
+from planning.cad.glb_bodies import read_bodies
+from planning.cad.part_types import PartType, sort_by_shape
 from planning.cad.step_text import check_step_text, place_of_circle
 from planning.errors import RequestError
 from planning.files import read_file
@@ -41,6 +49,53 @@ _FAILS = re.compile(r"Incorrect Syntax : Fails Count : (\d+)")
 _SIMPLER = "export fewer or simpler bodies"
 
 
+_DEVIATIONS = (1e-5, 5e-5, 2e-4)
+"""Distances of triangles from round surfaces that are tried, until no body has too many triangles [m]."""
+
+_MOST_TRIANGLES = 100_000
+"""Most triangles of a body: more are refused of meshes that are not convex."""
+
+
+def read_assembly(file: Path) -> tuple[list[PartType], list[str]]:
+    """Return the types of the bodies of a STEP file, and notes.
+
+    Raises:
+        RequestError: it cannot be used.
+    """
+    notes: list[str] = []
+    for deviation in _DEVIATIONS:
+        content = triangulate_step(file, deviation)
+        try:
+            bodies, notes = read_bodies(content)
+        except RequestError as error:
+            raise RequestError(f"{file}: {error.message}") from None
+        most = max((len(body.faces) for body in bodies), default=0)
+        if most <= _MOST_TRIANGLES:
+            break
+    else:
+        raise RequestError(
+            f"{file}: a body has {most} triangles, more than {_MOST_TRIANGLES}: simplify it"
+        )
+    if deviation > _DEVIATIONS[0]:
+        notes.append(f"round surfaces are met to within {deviation * 1e3:g} mm")
+    if not bodies:
+        found = "; ".join(notes) or "it has no shapes"
+        place = place_of_circle(file, _read(file))
+        raise RequestError(f"{place}: no solid bodies: {found}")
+    if len(bodies) < 2:
+        raise RequestError(
+            f"{file}: it has one body, and an assembly has two or more: export the"
+            " assembly, not a part"
+        )
+    types = sort_by_shape(bodies)
+    points = np.vstack([p.vertices for own in types for p in own.placed])
+    if np.abs(points).max() > LARGEST_M:
+        raise RequestError(
+            f"{file}: it reaches beyond {LARGEST_M} m: look at its units"
+        )
+    return types, notes
+
+
 def triangulate_step(path: Path, deviation: float) -> bytes:
     """Return the bodies of a STEP file as GLB, lengths in metres.
 
@@ -51,7 +106,7 @@ def triangulate_step(path: Path, deviation: float) -> bytes:
     Raises:
         RequestError: the file cannot be read, is not valid, or needs more time or memory than there is.
     """
-    content = read_step(path)
+    content = _read(path)
     check_step_text(path, content)
     seconds = _SECONDS + _SECONDS_PER_MIB * (len(content) >> 20)
     with TemporaryDirectory() as folder:
@@ -84,12 +139,7 @@ def triangulate_step(path: Path, deviation: float) -> bytes:
     raise RequestError(f"{place_of_circle(path, content)}: {reason}")
 
 
-def read_step(path: Path) -> bytes:
-    """Return the content of a STEP file.
-
-    Raises:
-        RequestError: it cannot be read.
-    """
+def _read(path: Path) -> bytes:
     if path.is_dir():
         raise RequestError(f"{path}: this is a folder, a STEP file is expected")
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 
 from planning.cad.layout import Layout, Lying, PartToLay, lay_out, least_opening
 from planning.cad.part_types import PartType, Placed, unique_names, with_unique_names
+from planning.cad.step_file import read_assembly
 from planning.cad.table import Area, Table, best_place, find_table
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture
@@ -22,7 +23,6 @@ from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.errors import OutputError, RequestError, ShapeError
 from planning.grips.grip import GripRules
 from planning.transforms import Array, Transform, identity, translation
-from twin.cad.assembly_file import read_assembly
 from twin.cad.base_cell import (
     OPENINGS_M,
     SLACK_M,
@@ -106,30 +106,20 @@ class ImportedAssembly:
 
     base: Placed
     entries: tuple[PartEntry, ...]
-    notes: tuple[str, ...]
+    notes: list[str]
     report: CheckReport
 
 
 def import_step_file(file: Path, output: Path, wishes: Wishes) -> ImportedAssembly:
     """Write the scenario of an assembly, and the meshes of its parts beside it.
 
-    Args:
-        file: STEP file.
-        output: scenario file to write.
-        wishes: options.
-
     Raises:
         RequestError: the file or an option cannot be used.
         ScenarioError: the cell of another scenario cannot be used.
     """
-    types, notes = read_assembly(file)
-    cell, grips = default_cell(), None
-    if wishes.like is not None:
-        cell, grips = cell_like(wishes.like, output)
-    types = with_unique_names(types, fixture_names(cell))
-    writer = _Writer(file, output, types, wishes, cell, grips)
+    writer = _Writer(file, output, wishes)
     try:
-        content, entries, more = writer.content()
+        content, entries = writer.content()
         text = scenario_text(content, f"Imported from {file.name}.")
         scenario, document = parse_scenario(output, text)
         write_text(output, text)
@@ -137,7 +127,7 @@ def import_step_file(file: Path, output: Path, wishes: Wishes) -> ImportedAssemb
         writer.remove_meshes()
         raise
     report = check_scenario(scenario, document, output.parent)
-    return ImportedAssembly(writer.base, entries, (*notes, *more), report)
+    return ImportedAssembly(writer.base, entries, writer.notes, report)
 
 
 class _Writer:
@@ -145,20 +135,20 @@ class _Writer:
 
     Attributes:
         base: the body that the others are put on, a fixture.
+        notes: what was left out or assumed.
     """
 
-    def __init__(
-        self,
-        file: Path,
-        output: Path,
-        types: Sequence[PartType],
-        wishes: Wishes,
-        cell: dict[str, Any],
-        grips: dict[str, Any] | None,
-    ) -> None:
+    def __init__(self, file: Path, output: Path, wishes: Wishes) -> None:
+        types, self.notes = read_assembly(file)
+        self._cell: dict[str, Any] = {}
+        self._grips: dict[str, Any] | None = None
+        if wishes.like is None:
+            self._cell = default_cell()
+        else:
+            self._cell, self._grips = cell_like(wishes.like, output)
+        types = with_unique_names(types, fixture_names(self._cell))
         self._file, self._output, self._types = file, output, types
         self._wishes, self._turn = wishes, UPS[wishes.up]
-        self._cell, self._grips = cell, grips
         self._kinds = {own.name: kind for kind in types for own in kind.placed}
         self._placed = {own.name: own for kind in types for own in kind.placed}
         given = wishes.densities
@@ -178,8 +168,8 @@ class _Writer:
         self._written: list[Path] = []
         self._shapes = {own.name: self._shape(own) for own in types}
 
-    def content(self) -> tuple[dict[str, Any], tuple[PartEntry, ...], list[str]]:
-        """Return the content of the scenario, its parts, and notes."""
+    def content(self) -> tuple[dict[str, Any], tuple[PartEntry, ...]]:
+        """Return the content of the scenario, and its parts."""
         kind = self._kinds[self.base.name]
         fixture = {"name": self.base.name, **self._shapes[kind.name]}
         fixture["colour"] = colour_of(kind, self._types.index(kind))
@@ -213,7 +203,8 @@ class _Writer:
             if layout.lying[own.name].stand
         ]
         presses = self._presses(context)
-        return self._scenario(entries, layout, presses), entries, layout.notes
+        self.notes += layout.notes
+        return self._scenario(entries, layout, presses), entries
 
     def remove_meshes(self) -> None:
         """Remove the mesh files."""
@@ -277,12 +268,11 @@ class _Writer:
             for name, own in self._placed.items()
         }
         fine: dict[str, PartType] = {}
-        for name, own in placed.items():
-            others = {k: other for k, other in placed.items() if k < name}
-            for other, gap in nearby_entities(own, others, 0.0).items():
-                if gap < -_FILLED and overlap_depth(own, placed[other]) <= ROUNDING:
-                    found = (self._kinds[name], self._kinds[other])
-                    fine |= {kind.name: kind for kind in found if kind.is_milled}
+        for other, name, gap in _meeting(placed):
+            deep = gap < -_FILLED
+            if deep and overlap_depth(placed[name], placed[other]) <= ROUNDING:
+                found = (self._kinds[name], self._kinds[other])
+                fine |= {kind.name: kind for kind in found if kind.is_milled}
         for kind in fine.values():
             self._shapes[kind.name]["shape"]["within_m"] = _FINE
             try:
@@ -389,20 +379,28 @@ class _Writer:
 
     def _presses(self, context: CheckContext) -> list[dict[str, Any]]:
         """Return the pairs of parts that are in each other in their places, as ``fits``."""
-        others = self._standing(context)
-        deepest: dict[tuple[str, str], float] = {}
+        placed = self._standing(context)
         for name, pose in ordered_parts(context).listed.goals.items():
-            own = context.built.object(name), pose
-            for other in nearby_entities(own, others, 0.0):
-                deep = overlap_depth(own, others[other])
-                if deep > ROUNDING:
-                    pair = _entry_name(other), _entry_name(name)
-                    deepest[pair] = max(deepest.get(pair, 0.0), deep)
-            others[name] = own
+            placed[name] = context.built.object(name), pose
+        deepest: dict[tuple[str, str], float] = {}
+        for other, name, _ in _meeting(placed):
+            deep = overlap_depth(placed[name], placed[other])
+            if deep > ROUNDING:
+                pair = _entry_name(other), _entry_name(name)
+                deepest[pair] = max(deepest.get(pair, 0.0), deep)
         return [
             {"parts": list(pair), "press_m": round(deep + 5e-7, 6)}
             for pair, deep in deepest.items()
         ]
+
+
+def _meeting(placed: Mapping[str, PlacedObject]) -> Iterator[tuple[str, str, float]]:
+    """Yield pairs whose convex pieces meet, the earlier first, and the gap of these [m]."""
+    before: dict[str, PlacedObject] = {}
+    for name, own in placed.items():
+        for other, gap in nearby_entities(own, before, 0.0).items():
+            yield other, name, gap
+        before[name] = own
 
 
 def _entry_name(name: str) -> str:

@@ -105,13 +105,10 @@ def find_stations(
     """Return a station for each type on a robot's side of the plate.
 
     Columns fill from the edge of the plate, each from its middle to its ends, the largest types
-    first. A plate's station stands on a brick: beside it the tool needs the room below.
+    first. A plate's station stands on a brick: beside it the tool needs the room below. Nothing comes near the structure.
 
     Args:
-        robot: the robot.
-        plate: of the structure.
-        structure: where the structure will be; nothing comes near.
-        kinds: the types.
+        robot, plate, structure, kinds: for which they are.
         far: on the side of the plate's greatest x, turned by half a turn against the other side.
         stays_free: tells whether what is built leaves room to pick there.
 
@@ -236,14 +233,11 @@ def _content(
     span = GridSpan(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
     placed = [LegoStep(i.brick, _moved(i.cell, corner)) for i in model.bricks]
     boxes = obstacle_fixtures(model, corner, plate)
-    standing = [
-        Fixture(
-            item["name"],
-            box_shape(item["name"], np.array(item["size_m"])),
-            translation(*item["pose"]["xyz_m"]),
-        )
-        for item in boxes
-    ]
+    standing = []
+    for item in boxes:
+        shape = box_shape(item["name"], np.array(item["size_m"]))
+        at = translation(*item["pose"]["xyz_m"])
+        standing.append(Fixture(item["name"], shape, at))
     finished = Finished(robots, plate, placed, standing)
     stock = list[dict[str, Any]]()
     for robot, (name, x, _) in zip(robots, _ROBOTS, strict=True):
@@ -253,14 +247,10 @@ def _content(
             robot, plate, span, kinds, far=x > 0.0, stays_free=stays_free
         ):
             stock += _stock(name, station)
-    listed = [
-        {
-            "name": name,
-            "model": _MODEL,
-            "base": {"xyz_m": [x, 0.0, _BASE_Z], "rpy_deg": [0, 0, yaw]},
-        }
-        for name, x, yaw in _ROBOTS
-    ]
+    listed = []
+    for name, x, yaw in _ROBOTS:
+        base = {"xyz_m": [x, 0.0, _BASE_Z], "rpy_deg": [0, 0, yaw]}
+        listed.append({"name": name, "model": _MODEL, "base": base})
     return {
         "cell": {"robots": listed, "fixtures": [_TABLE, *boxes]},
         "assembly": {

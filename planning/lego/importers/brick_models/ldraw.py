@@ -157,10 +157,8 @@ def _unknown_parts(
     path: Path, faults: Sequence[Fault], *, with_library: bool
 ) -> ScenarioError:
     """Return the error of parts that are no bricks, with their numbers and what can be done."""
-    lines = FileFaults(path)
-    first = {part.name: (part, fault) for part, fault in reversed(faults)}
-    for part, fault in first.values():
-        lines.add(part.line, fault)
+    first = {part.name: (part.line, fault) for part, fault in reversed(faults)}
+    lines = FileFaults(path, first.values())
     library = "" if with_library else "--parts DIR reads sizes from a parts library; "
     return lines.error(
         choices=format_part_table(),
@@ -178,10 +176,7 @@ def _counted(parts: Sequence[Reference]) -> str:
 
 def _check(path: Path, faults: Sequence[Fault], form: str) -> None:
     """Raise an error where parts have faults."""
-    lines = FileFaults(path)
-    for part, fault in faults:
-        lines.add(part.line, fault)
-    lines.check(form=form)
+    FileFaults(path, [(part.line, fault) for part, fault in faults]).check(form=form)
 
 
 def _obstacles(

@@ -75,6 +75,13 @@ class Obstacle:
         """Source and part, such as ``"line 12 (3039.dat)"``."""
         return f"{self.source} ({self.name})"
 
+    @property
+    def places(self) -> tuple[GridPlace, GridPlace]:
+        """First places of the grid that it fills, also in part, along each axis, and those behind the last ones."""
+        x0, y0, z0 = (math.floor(v + _TOUCH) for v in self.low)
+        x1, y1, z1 = (math.ceil(v - _TOUCH) for v in self.high)
+        return (x0, y0, z0), (x1, y1, z1)
+
     def moved(self, x: float, y: float, level: float) -> Obstacle:
         """Return the obstacle moved by studs and levels, without what is below the plate then."""
         low = self.low[0] + x, self.low[1] + y, max(self.low[2] + level, 0.0)
@@ -100,7 +107,7 @@ class BrickModel:
     def size(self) -> tuple[int, int, int]:
         """Studs along x and y, and levels."""
         ends = [(i.span.x1, i.span.y1, i.span.top) for i in self.bricks]
-        boxes = [tuple(math.ceil(v - _TOUCH) for v in i.high) for i in self.obstacles]
+        boxes = [item.places[1] for item in self.obstacles]
         x, y, top = map(max, zip(*ends, *boxes, strict=True))
         return x, y, top
 
@@ -109,9 +116,8 @@ class BrickModel:
         """The (x, y) of every stud that is covered, by obstacles also in part."""
         spans = [item.span for item in self.bricks]
         for item in self.obstacles:
-            low = [math.floor(v + _TOUCH) for v in item.low]
-            high = [math.ceil(v - _TOUCH) for v in item.high]
-            spans.append(GridSpan(low[0], high[0], low[1], high[1], 0, 1))
+            (x0, y0, _), (x1, y1, _) = item.places
+            spans.append(GridSpan(x0, x1, y0, y1, 0, 1))
         return frozenset().union(*(span.studs for span in spans))
 
     def quarter_turned(self) -> BrickModel:
@@ -142,9 +148,8 @@ class BrickModel:
 class FileFaults:
     """Faults of a file, each at its line, reported together."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._faults: list[tuple[int, str]] = []
+    def __init__(self, path: Path, faults: Iterable[tuple[int, str]] = ()) -> None:
+        self._path, self._faults = path, list(faults)
 
     def add(self, line: int, message: str) -> None:
         """Note a fault at a line, counted from 1."""
@@ -163,11 +168,7 @@ class FileFaults:
 
 
 def read_lines(path: Path, most: int = LARGEST) -> list[str]:
-    """Return the lines of a text file of any usual encoding, without line ends.
-
-    Args:
-        path: the file.
-        most: bytes that it may have.
+    """Return the lines of a text file of any usual encoding, without line ends; it has a greatest size [bytes].
 
     Raises:
         ScenarioError: it cannot be read, or is no text.
@@ -204,16 +205,13 @@ def finish_model(
             joined to nothing that stands on the plate; names them.
     """
     _check_size(path, bricks)
-    overlaps = _overlaps(bricks)
-    if overlaps:
+    if overlaps := _overlaps(bricks):
         pairs = [f"{bricks[a].words} and {bricks[b].words}" for b, a in overlaps]
         raise ScenarioError(f"{path}: in one place: {format_names(pairs)}")
     held = _held(bricks)
-    loose = [item.words for k, item in enumerate(bricks) if k not in held]
-    if loose:
-        raise ScenarioError(
-            f"{path}: joined to nothing that stands where the lowest brick stands: {format_names(loose)}"
-        )
+    if loose := [item.words for k, item in enumerate(bricks) if k not in held]:
+        words = "joined to nothing that stands where the lowest brick stands"
+        raise ScenarioError(f"{path}: {words}: {format_names(loose)}")
     return _moved(bricks, (), tuple(notes))
 
 
@@ -279,9 +277,7 @@ def finish_partial_model(
 
 def _is_filled(box: Obstacle, places: Collection[GridPlace]) -> bool:
     """Tell whether a box is only where there are bricks, given the places that they fill."""
-    ends = zip(box.low, box.high, strict=True)
-    spans = [range(math.floor(a + _TOUCH), math.ceil(b - _TOUCH)) for a, b in ends]
-    return all(place in places for place in product(*spans))
+    return all(place in places for place in product(*map(range, *box.places)))
 
 
 def _check_size(
@@ -307,8 +303,8 @@ def _moved(
     spans = [item.span for item in bricks]
     level = min(s.bottom for s in spans)
     left = [i for i in obstacles if i.high[2] - _TOUCH > level]
-    x0 = min([s.x0 for s in spans] + [math.floor(i.low[0] + _TOUCH) for i in left])
-    y0 = min([s.y0 for s in spans] + [math.floor(i.low[1] + _TOUCH) for i in left])
+    x0 = min([s.x0 for s in spans] + [i.places[0][0] for i in left])
+    y0 = min([s.y0 for s in spans] + [i.places[0][1] for i in left])
     moved = []
     for item, span in zip(bricks, spans, strict=True):
         at = span.x0 - x0, span.y0 - y0, span.bottom - level

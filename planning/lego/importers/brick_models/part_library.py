@@ -217,11 +217,7 @@ class PartLibrary:
 
 
 def require_inside(path: Path, folder: Path) -> None:
-    """Check that no link leads from a path out of the folder that contains it.
-
-    Raises:
-        ScenarioError: it does, or leads to itself.
-    """
+    """Raise a ScenarioError if a link leads from a path out of the folder that contains it, or to itself."""
     try:
         inside = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError):  # a link to itself

@@ -133,13 +133,7 @@ def part_shape(geometry: PartGeometry) -> PartShape | None:
 def _are_sides_closed(
     faces: Array, low: Array, high: Array, knobs: Collection[tuple[int, int]]
 ) -> bool:
-    """Tell whether the sides have a face beside every stud near the bottom, and beside knobs near the top.
-
-    Args:
-        faces: corners of triangles.
-        low, high: corners of the box.
-        knobs: studs along x and z that have one.
-    """
+    """Tell whether the sides of a box have a face beside every stud near the bottom, and beside knobs near the top."""
     counts = np.round((high - low) / UNIT).astype(int).tolist()
     for axis, (end, row) in product((0, 2), ((low, 0), (high, -1))):
         flat = (np.abs(faces[:, :, axis] - end[axis]) <= _OFF).all(axis=1)
