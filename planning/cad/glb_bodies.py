@@ -6,6 +6,7 @@ import json
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -57,10 +58,27 @@ class CadBody:
     pose: Transform
     colour: Colour | None
 
-    @property
+    @cached_property
     def volume(self) -> float:
         """Enclosed volume [m^3]."""
         return signed_volume(self.vertices, self.faces)
+
+    @cached_property
+    def centre(self) -> Array:
+        """Centroid of the surface, which turns with it, shape (3,) [m]."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        return np.asarray(area @ (a + b + c) / (3.0 * area.sum()))
+
+    @cached_property
+    def away(self) -> Array:
+        """Distance of each corner from the centroid, shape (v,) [m]."""
+        return np.asarray(np.linalg.norm(self.vertices - self.centre, axis=1))
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The corners, for queries."""
+        return cKDTree(self.vertices)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 from planning.bounds import LONGEST_NAME
 from planning.cad.exact_forms import BoxForm, ExactForm, exact_form
 from planning.cad.glb_bodies import CadBody
-from planning.cad.same_shape import ALIKE, Corners
+from planning.cad.same_shape import ALIKE, pose_of
 from planning.transforms import Array, Transform, inverse, translation
 
 _GENERIC = re.compile(
@@ -58,14 +58,12 @@ class PartType:
         form: what the shape is exactly; None for a mesh.
         frame: pose of the frame of the type in the frame of the first body.
         placed: the bodies.
-        corners: of the first of them.
     """
 
     name: str
     form: ExactForm | None
     frame: Transform
     placed: list[Placed]
-    corners: Corners
 
     @cached_property
     def vertices(self) -> Array:
@@ -94,16 +92,16 @@ class PartType:
     @property
     def volume(self) -> float:
         """Volume of one of them [m^3]."""
-        return self.corners.volume
+        return self.placed[0].body.volume
 
     def pose_at(
-        self, body: CadBody, exact: tuple[ExactForm, Transform] | None, corners: Corners
+        self, body: CadBody, exact: tuple[ExactForm, Transform] | None
     ) -> Transform | None:
         """Return the pose of the type's frame in the assembly at which it is a body; None if it is of another type."""
         if self.placed[0].body.colour != body.colour:
             return None
         if self.form is None and exact is None:
-            same = self.corners.pose_of(corners)
+            same = pose_of(self.placed[0].body, body)
             return None if same is None else body.pose @ same @ self.frame
         if self.form is None or exact is None:
             return None
@@ -119,8 +117,7 @@ def sort_by_shape(bodies: Sequence[CadBody]) -> list[PartType]:
     found: list[PartType] = []
     for name, body in zip(names, bodies, strict=True):
         exact = exact_form(body)
-        corners = Corners(body.vertices, body.faces, body.volume)
-        poses = ((own, own.pose_at(body, exact, corners)) for own in found)
+        poses = ((own, own.pose_at(body, exact)) for own in found)
         known, pose = next((p for p in poses if p[1] is not None), (None, None))
         if known is None or pose is None:
             low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
@@ -133,7 +130,7 @@ def sort_by_shape(bodies: Sequence[CadBody]) -> list[PartType]:
                 else:
                     pose = form.upright(pose)
             frame = inverse(body.pose) @ pose
-            known = PartType(readable_name(body.names), form, frame, [], corners)
+            known = PartType(readable_name(body.names), form, frame, [])
             found.append(known)
         known.placed.append(Placed(name, body, pose))
     return with_unique_names(found)

@@ -145,7 +145,8 @@ def plan_assembly(
         raise RequestError(f"there is no body {base}", choices=tuple(names))
     upward = np.array(up, dtype=float) / np.linalg.norm(up)
     search = _Disassembly(bodies, upward, touch_m, rules or StandingRules())
-    return replace(search.plan(names, base), fits=search.fits())
+    fits = find_fits(search.blocking, search.patches)
+    return replace(search.plan(names, base), fits=fits)
 
 
 class _Removal(NamedTuple):
@@ -165,12 +166,12 @@ class _Disassembly:
         touch: float,
         rules: StandingRules,
     ) -> None:
-        self._blocking = Blocking(bodies)
+        self.blocking = Blocking(bodies)
         self._up, self._rules = up, rules
         self._bodies = {body.name: body for body in bodies}
-        self._patches = surface_contacts(self._blocking, touch)
-        names, near = self._blocking.names, self._blocking.near
-        surfaces = self._blocking.surfaces
+        self.patches = surface_contacts(self.blocking, touch)
+        names, near = self.blocking.names, self.blocking.near
+        surfaces = self.blocking.surfaces
         own = {name: face_directions(surfaces[name]) for name in names}
         self._directions = {}
         for name in names:
@@ -196,7 +197,7 @@ class _Disassembly:
         if len(names) > _MOST_TILTED:
             rules = replace(rules, tilt=0.0)
         own = [self._bodies[name] for name in names]
-        states = StandingStates(own, self._patches, base, frame, rules)
+        states = StandingStates(own, self.patches, base, frame, rules)
         remaining = dict.fromkeys(names)
         removed: list[_Removal] = []
         while len(remaining) > 1:
@@ -214,7 +215,7 @@ class _Disassembly:
             later = {n for m in nx.descendants(order, k) for n in groups[m]}
             there = [n for n in names if n not in later and n not in removal.bodies]
             length = max(
-                self._blocking.clear_length(name, there, removal.direction)
+                self.blocking.clear_length(name, there, removal.direction)
                 for name in removal.bodies
             )
             inner = None
@@ -227,10 +228,6 @@ class _Disassembly:
                 StraightInsertion(removal.bodies, (x, y, z), length, after, inner)
             )
         return AssemblyPlan(base, tuple(steps), holds=holds)
-
-    def fits(self) -> tuple[BodyFit, ...]:
-        """Return the fits of all bodies."""
-        return find_fits(self._blocking, self._patches)
 
     def _removable(
         self, remaining: Mapping[str, None], base: str, states: StandingStates
@@ -268,7 +265,7 @@ class _Disassembly:
         up, own = self._up, self._directions[name]
         even = [d for d in own if abs(float(d @ up) - float(along @ up)) < 1e-6]
         free = list(self._free(name, remaining, even)) or [along]
-        lengths = [self._blocking.clear_length(name, others, d) for d in free]
+        lengths = [self.blocking.clear_length(name, others, d) for d in free]
         return _Removal((name,), free[int(np.round(lengths, 4).argmin())])
 
     def _free(
@@ -280,7 +277,7 @@ class _Disassembly:
             if self._witness.get(key) in remaining:
                 continue
             for other in remaining:
-                if other != name and self._blocking.blocks(other, name, direction):
+                if other != name and self.blocking.blocks(other, name, direction):
                     self._witness[key] = other
                     break
             else:
@@ -293,7 +290,7 @@ class _Disassembly:
         graph.add_edges_from(
             (one, other)
             for one, other in permutations(graph, 2)
-            if self._blocking.blocks(other, one, direction)
+            if self.blocking.blocks(other, one, direction)
         )
         return graph
 
@@ -324,15 +321,13 @@ class _Disassembly:
                 nx.is_strongly_connected(graph.subgraph(rest)) for graph in graphs
             ):
                 names = rest
-        pairs = {
+        pairs = [
             (other, one)
-            for graph in graphs
-            for one, other in graph.subgraph(names).edges
-            if self._blocking.near(one, other, _NEAR)
-        }
-        rank = {name: k for k, name in enumerate(names)}
-        ordered = sorted(pairs, key=lambda pair: (rank[pair[0]], rank[pair[1]]))
-        return InterlockedError(names, ordered, len(self._all))
+            for other, one in permutations(names, 2)
+            if self.blocking.near(one, other, _NEAR)
+            and any(graph.has_edge(one, other) for graph in graphs)
+        ]
+        return InterlockedError(names, pairs, len(self._all))
 
     def _precedence(self, removed: Sequence[_Removal]) -> nx.DiGraph[int]:
         """Return which insertions must come before which, as the former could not be done after the latter."""
@@ -342,6 +337,6 @@ class _Disassembly:
             enumerate(removed), 2
         ):
             pairs = product(others, own)
-            if any(self._blocking.blocks(*pair, direction) for pair in pairs):
+            if any(self.blocking.blocks(*pair, direction) for pair in pairs):
                 graph.add_edge(k, m)
         return graph
