@@ -34,7 +34,7 @@ from planning.transforms import Array, frame_along
 
 UP = (0.0, 0.0, 1.0)
 
-TOUCH = 5e-4
+_TOUCH = 5e-4
 """Distance up to which faces touch [m]."""
 
 _NEAR = 1e-3
@@ -116,8 +116,6 @@ def plan_assembly(
     base: str,
     *,
     up: Sequence[float] = UP,
-    touch_m: float = TOUCH,
-    rules: StandingRules | None = None,
 ) -> AssemblyPlan:
     """Return an order and straight insertions of the bodies of an assembly.
 
@@ -125,8 +123,6 @@ def plan_assembly(
         bodies: in their places, with different names.
         base: name of the one that is there first.
         up: direction against gravity in the frame of the assembly.
-        touch_m: distance up to which faces touch, so that a part rests on another.
-        rules: friction and tilt of gravity, of bodies at rest.
 
     Raises:
         ShapeError: a mesh cannot be used, or two bodies overlap.
@@ -143,8 +139,7 @@ def plan_assembly(
         )
     if base not in names:
         raise RequestError(f"there is no body {base}", choices=tuple(names))
-    upward = np.array(up, dtype=float) / np.linalg.norm(up)
-    search = _Disassembly(bodies, upward, touch_m, rules or StandingRules())
+    search = _Disassembly(bodies, np.array(up, dtype=float) / np.linalg.norm(up))
     fits = find_fits(search.blocking, search.patches)
     return replace(search.plan(names, base), fits=fits)
 
@@ -159,17 +154,11 @@ class _Removal(NamedTuple):
 class _Disassembly:
     """Takes bodies apart, in thought."""
 
-    def __init__(
-        self,
-        bodies: Sequence[AssemblyBody],
-        up: Array,
-        touch: float,
-        rules: StandingRules,
-    ) -> None:
+    def __init__(self, bodies: Sequence[AssemblyBody], up: Array) -> None:
         self.blocking = Blocking(bodies)
-        self._up, self._rules = up, rules
+        self._up = up
         self._bodies = {body.name: body for body in bodies}
-        self.patches = surface_contacts(self.blocking, touch)
+        self.patches = surface_contacts(self.blocking, _TOUCH)
         names, near = self.blocking.names, self.blocking.near
         surfaces = self.blocking.surfaces
         own = {name: face_directions(surfaces[name]) for name in names}
@@ -193,7 +182,7 @@ class _Disassembly:
 
     def plan(self, names: Collection[str], base: str) -> AssemblyPlan:
         """Return how some of the bodies are put together, however the others are."""
-        frame, rules = frame_along(self._up), self._rules
+        frame, rules = frame_along(self._up), StandingRules()
         if len(names) > _MOST_TILTED:
             rules = replace(rules, tilt=0.0)
         own = [self._bodies[name] for name in names]

@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import BrickType
 from planning.lego.bricks.brick_types import brick_of_size
 from planning.lego.importers.brick_models.model import FileFaults
@@ -194,10 +195,12 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
         if len(line) > _LONGEST:
             faults.add(number, f"a line of {len(line)} characters")
         elif words[0] == "1":
-            found = read_reference(words, number)
-            if isinstance(found, str):
-                faults.add(number, found)
-            elif here is not None:
+            try:
+                found = read_reference(words, number)
+            except ScenarioError as error:
+                faults.add(number, str(error))
+                continue
+            if here is not None:
                 here.append(found)
         elif words[0] in ("2", "3", "4", "5"):
             drawn += 1
@@ -237,32 +240,29 @@ def _file_name(text: str) -> str:
     return name.removeprefix("parts/").removeprefix("p/")
 
 
-def read_reference(words: Sequence[str], number: int) -> Reference | str:
-    """Return the reference of a line, or its fault."""
+def read_reference(words: Sequence[str], number: int) -> Reference:
+    """Return the reference of a line; ScenarioError where it has a fault."""
     if len(words) < _REFERENCE:
-        return f"a part has {_REFERENCE} values, this line {len(words)}"
+        raise ScenarioError(f"a part has {_REFERENCE} values, this line {len(words)}")
     if not _COLOUR.fullmatch(words[1]):
-        return f"{words[1][:20]!r} is no colour"
+        raise ScenarioError(f"{words[1][:20]!r} is no colour")
     values = read_numbers(words[2:14])
-    if isinstance(values, str):
-        return values
     pose = np.eye(4)
     pose[:3, 3] = values[:3]
     pose[:3, :3] = np.reshape(values[3:], (3, 3))
     return Reference(number, pose, _file_name(words[14]), words[1].casefold())
 
 
-def read_numbers(words: Sequence[str]) -> list[float] | str:
-    """Return the lengths or directions of a line, or the fault of one of them."""
+def read_numbers(words: Sequence[str]) -> list[float]:
+    """Return the lengths or directions of a line; ScenarioError where one has a fault."""
     values = []
     for text in words:
         try:
-            value = float(text)
+            values.append(float(text))
         except ValueError:
-            return f"{text[:20]!r} is no number"
-        if not abs(value) <= _LARGEST:
-            return f"{text[:20]} is no length or direction"
-        values.append(value)
+            raise ScenarioError(f"{text[:20]!r} is no number") from None
+        if not abs(values[-1]) <= _LARGEST:
+            raise ScenarioError(f"{text[:20]} is no length or direction")
     return values
 
 
