@@ -126,10 +126,7 @@ class Layout:
 
 
 def lay_out(
-    parts: Iterable[PartToLay],
-    robots: Sequence[PlacedRobot],
-    frame: str,
-    table: Table,
+    parts: Iterable[PartToLay], robots: Sequence[PlacedRobot], frame: str, table: Table
 ) -> Layout:
     """Return where all parts lie at the start.
 

@@ -112,10 +112,7 @@ class AssemblyPlan:
 
 
 def plan_assembly(
-    bodies: Sequence[AssemblyBody],
-    base: str,
-    *,
-    up: Sequence[float] = UP,
+    bodies: Sequence[AssemblyBody], base: str, *, up: Sequence[float] = UP
 ) -> AssemblyPlan:
     """Return an order and straight insertions of the bodies of an assembly.
 

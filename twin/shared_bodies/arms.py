@@ -17,11 +17,7 @@ from planning.errors import FittingError, RobotModelError
 from planning.files import is_file, resolve_file_name
 from planning.robots.descriptions.fitting import Fitting, free_kinds, hold_joints
 from planning.robots.descriptions.read_description import read_description
-from planning.robots.descriptions.urdf_file import (
-    LinkTree,
-    checked_tree,
-    moving_order,
-)
+from planning.robots.descriptions.urdf_file import LinkTree, checked_tree, moving_order
 from planning.robots.descriptions.xml_files import search_folders
 from planning.robots.registry import ROBOTS
 from twin.planning.fitted_robots import DESCRIPTION_FILE

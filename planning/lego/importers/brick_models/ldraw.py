@@ -40,11 +40,7 @@ from planning.lego.importers.brick_models.model import (
     read_lines,
 )
 from planning.lego.importers.brick_models.part_library import PartLibrary
-from planning.lego.importers.brick_models.part_shape import (
-    LEVEL,
-    STUD,
-    PartShape,
-)
+from planning.lego.importers.brick_models.part_shape import LEVEL, STUD, PartShape
 from planning.transforms import Array
 
 _ROUND = 0.01
