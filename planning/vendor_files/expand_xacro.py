@@ -46,6 +46,15 @@ def _limit() -> None:
                 resource.setrlimit(kind, (most, most))
 
 
+def _refusal(words: str) -> Callable[..., Any]:
+    """Return a function that refuses what it is given."""
+
+    def refuse(what: str, *_: object, **__: object) -> None:
+        raise LookupError(f"{words} {str(what)[-60:]!r}")
+
+    return refuse
+
+
 class _Files:
     """Access to files below some folders."""
 
@@ -66,10 +75,6 @@ class _Files:
         if len(content) > _LARGEST:
             raise PermissionError(27, "larger than 16 MiB", str(path))
         return io.StringIO(content.decode(errors="replace"))
-
-    def refuse_pattern(self, pattern: str) -> list[str]:
-        """Refuse a pattern of names, which would look at any folder."""
-        raise LookupError(f"files are included by name, not by {pattern[-60:]!r}")
 
     def find(self, package: str) -> str:
         """Return the folder of a package: one of its name, or one whose package.xml names it."""
@@ -99,9 +104,6 @@ def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
 
     files = _Files(folders)
 
-    def refuse_variable(name: str, *_: object, **__: object) -> str:
-        raise LookupError(f"the environment is not read: {name[:60]!r}")
-
     def fatal(*words: object) -> None:
         raise ValueError(" ".join(map(str, words))[:500])
 
@@ -128,15 +130,15 @@ def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
         more = {"arg": kinds.__getitem__, "find": files.find}
         return str(evaluate(text, kinds, functions | more))
 
-    def refuse(*_: object) -> None:
-        raise ValueError("evaluation by Python")
-
+    refuse = _refusal("nothing is evaluated by Python")
+    # A pattern of names would look at any folder.
+    by_name = _refusal("files are included by name, not by")
     replacements = (
         (xacro, "safe_eval", safe_eval),
-        (xacro, "glob", SimpleNamespace(glob=files.refuse_pattern)),
+        (xacro, "glob", SimpleNamespace(glob=by_name)),
         (substitution_args, "_eval", evaluate_argument),
         (substitution_args, "_eval_find", files.find),
-        (substitution_args, "_eval_env", refuse_variable),
+        (substitution_args, "_eval_env", _refusal("the environment is not read:")),
         (substitution_args, "_eval_optenv", lambda name, default="": default),
     )
     for module, name, own_function in replacements:
