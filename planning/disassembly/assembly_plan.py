@@ -28,7 +28,7 @@ from planning.disassembly.directions import (
 from planning.disassembly.fits import BodyFit, find_fits
 from planning.disassembly.standing_states import BodyHold, StandingStates
 from planning.disassembly.surface_contacts import surface_contacts
-from planning.errors import RequestError, TwinError
+from planning.errors import RequestError, TwinError, format_names
 from planning.statics.standing_rules import StandingRules
 from planning.transforms import Array, frame_along
 
@@ -64,12 +64,10 @@ class InterlockedError(TwinError):
     ) -> None:
         self.bodies, self.blocking = tuple(bodies), tuple(blocking)
         self.directions = tried
-        pairs = ", ".join(f"{a} blocks {b}" for a, b in self.blocking[:_MOST_PAIRS])
-        if (more := len(self.blocking) - _MOST_PAIRS) > 0:
-            pairs += f", and {more} more"
+        pairs = [f"{a} blocks {b}" for a, b in self.blocking]
         super().__init__(
             f"{', '.join(bodies)} hold each other: along none of {tried} directions can one, or"
-            f" several as one, be moved out straight ({pairs}); split one of them, or export"
+            f" several as one, be moved out straight ({format_names(pairs, _MOST_PAIRS)}); split one of them, or export"
             " them as one body"
         )
 

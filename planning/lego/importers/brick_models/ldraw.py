@@ -32,9 +32,9 @@ from planning.lego.importers.brick_models.ldraw_files import (
 from planning.lego.importers.brick_models.model import (
     MOST_BRICKS,
     BrickModel,
-    FileFaults,
     ModelBrick,
     Obstacle,
+    check_faults,
     finish_model,
     finish_partial_model,
     read_lines,
@@ -108,8 +108,8 @@ def read_ldraw(
         for part in parts
         if part.name in reasons
     ]
-    if unfit and unknown == "refuse":
-        raise _unknown_parts(path, unfit, with_library=library is not None)
+    if unknown == "refuse":
+        _refuse_unknown(path, unfit, with_library=library is not None)
     upright = [part for part in parts if part.name not in reasons]
     tilts = [_tilt(part) for part in upright]
     tilted = [own for own in zip(upright, tilts, strict=True) if own[1]]
@@ -132,9 +132,8 @@ def read_ldraw(
     if not np.array_equal(frame, np.eye(4)):
         notes.append("the model stands upright, not turned as in its file")
     if len(parts) < len(every):
-        notes.append(
-            "base plates are left out: the model stands on the plate of its cell"
-        )
+        what = "base plates are left out: the model stands on the plate of its cell"
+        notes.append(what)
     if unknown == "refuse":
         return finish_model(path, bricks, notes)
     others = [part for part, _ in (*unfit, *tilted, *off)]
@@ -142,26 +141,22 @@ def read_ldraw(
     if unfit:
         notes.append(f"no bricks, {how}: {_counted([part for part, _ in unfit])}")
     if askew := [f"{p.source} ({p.name})" for p, _ in (*tilted, *off)]:
-        notes.append(
-            f"not upright or off the grid, {how}: {format_names(askew, _MOST_NAMES)}"
-        )
+        what = f"not upright or off the grid, {how}"
+        notes.append(f"{what}: {format_names(askew, _MOST_NAMES)}")
     obstacles = _obstacles(path, others, found, origin) if unknown == "box" else ()
     return finish_partial_model(path, bricks, obstacles, notes)
 
 
-def _unknown_parts(
-    path: Path, faults: Sequence[Fault], *, with_library: bool
-) -> ScenarioError:
-    """Return the error of parts that are no bricks, with their numbers and what can be done."""
+def _refuse_unknown(path: Path, faults: Sequence[Fault], *, with_library: bool) -> None:
+    """Raise the error of parts that are no bricks, with their numbers and what can be done."""
     first = {part.name: (part.line, fault) for part, fault in reversed(faults)}
-    lines = FileFaults(path, first.values())
     library = "" if with_library else "--parts DIR reads sizes from a parts library; "
-    return lines.error(
-        choices=format_part_table(),
-        form=f"{len(faults)} parts: {_counted([part for part, _ in faults])}\n{library}"
+    form = (
+        f"{len(faults)} parts: {_counted([part for part, _ in faults])}\n{library}"
         "--unknown box lets boxes stand in their places from the start,"
-        " --unknown leave-out leaves them out, and what only they hold",
+        " --unknown leave-out leaves them out, and what only they hold"
     )
+    check_faults(path, first.values(), form, format_part_table())
 
 
 def _counted(parts: Sequence[Reference]) -> str:
@@ -172,7 +167,7 @@ def _counted(parts: Sequence[Reference]) -> str:
 
 def _check(path: Path, faults: Sequence[Fault], form: str) -> None:
     """Raise an error where parts have faults."""
-    FileFaults(path, [(part.line, fault) for part, fault in faults]).check(form=form)
+    check_faults(path, [(part.line, fault) for part, fault in faults], form)
 
 
 def _obstacles(
@@ -213,9 +208,8 @@ def _parts(path: Path, document: Document) -> list[Reference]:
             continue
         references += 1
         if references > _MOST_REFERENCES:
-            raise ScenarioError(
-                f"{path}: more than {_MOST_REFERENCES} parts and models"
-            )
+            most = f"more than {_MOST_REFERENCES} parts and models"
+            raise ScenarioError(f"{path}: {most}")
         via = (*at.via, at.line) if at.line else ()
         colour = at.colour if item.colour in INHERITED else item.colour
         part = replace(item, pose=at.pose @ item.pose, colour=colour, via=via)

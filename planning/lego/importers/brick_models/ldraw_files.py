@@ -18,7 +18,7 @@ import numpy as np
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import BrickType
 from planning.lego.bricks.brick_types import brick_of_size
-from planning.lego.importers.brick_models.model import FileFaults
+from planning.lego.importers.brick_models.model import check_faults
 from planning.transforms import Array
 
 Colour = tuple[int, int, int]
@@ -175,7 +175,7 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
     Raises:
         ScenarioError: lines that are no LDraw, or two models of one name; each by its number.
     """
-    faults, document = FileFaults(path), Document()
+    faults, document = list[tuple[int, str]](), Document()
     here: list[Reference] | None = document.models.setdefault("", [])
     name, first, drawn, is_part = "", 1, 0, False
 
@@ -193,19 +193,19 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
         if not words:
             continue
         if len(line) > _LONGEST:
-            faults.add(number, f"a line of {len(line)} characters")
+            faults.append((number, f"a line of {len(line)} characters"))
         elif words[0] == "1":
             try:
                 found = read_reference(words, number)
             except ScenarioError as error:
-                faults.add(number, str(error))
+                faults.append((number, str(error)))
                 continue
             if here is not None:
                 here.append(found)
         elif words[0] in ("2", "3", "4", "5"):
             drawn += 1
         elif words[0] != "0":
-            faults.add(number, f"{line.strip()[:30]!r} is no line of LDraw")
+            faults.append((number, f"{line.strip()[:30]!r} is no line of LDraw"))
         elif len(words) > 1 and words[1].upper() in ("FILE", "NOFILE"):
             finish(number - 1)
             name = _file_name(line.split(None, 2)[2] if len(words) > 2 else "")
@@ -213,7 +213,8 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
             # Packed files bring some parts twice.
             if words[1].upper() == "FILE" and name not in document.parts:
                 if name in document.models:
-                    faults.add(number, f"a model before it is called {name!r}, too")
+                    what = f"a model before it is called {name!r}, too"
+                    faults.append((number, what))
                 here = document.models.setdefault(name, [])
         elif len(words) > 1 and words[1].upper() == "STEP":
             document.steps += 1
@@ -222,7 +223,7 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
         else:
             document.colours |= read_colour(line)
     finish(len(lines))
-    faults.check(form=FORM)
+    check_faults(path, faults, FORM)
     if not document.models[""] and len(document.models) > 1:
         del document.models[""]
     return document

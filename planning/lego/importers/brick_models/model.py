@@ -129,15 +129,12 @@ class BrickModel:
             turned = not item.cell.turned and item.brick.studs[0] != item.brick.studs[1]
             cell = replace(item.cell, x=deep - span.y1, y=span.x0, turned=turned)
             bricks.append(replace(item, cell=cell))
-        obstacles = tuple(
-            replace(
-                item,
-                low=(deep - item.high[1], item.low[0], item.low[2]),
-                high=(deep - item.low[1], item.high[0], item.high[2]),
-            )
-            for item in self.obstacles
-        )
-        return replace(self, bricks=tuple(bricks), obstacles=obstacles)
+        obstacles = []
+        for box in self.obstacles:
+            (x0, y0, bottom), (x1, y1, top) = box.low, box.high
+            low, high = (deep - y1, x0, bottom), (deep - y0, x1, top)
+            obstacles.append(replace(box, low=low, high=high))
+        return replace(self, bricks=tuple(bricks), obstacles=tuple(obstacles))
 
     @property
     def kinds(self) -> Counter[BrickType]:
@@ -145,26 +142,16 @@ class BrickModel:
         return Counter(item.brick for item in self.bricks)
 
 
-class FileFaults:
-    """Faults of a file, each at its line, reported together."""
-
-    def __init__(self, path: Path, faults: Iterable[tuple[int, str]] = ()) -> None:
-        self._path, self._faults = path, list(faults)
-
-    def add(self, line: int, message: str) -> None:
-        """Note a fault at a line, counted from 1."""
-        self._faults.append((line, message))
-
-    def check(self, *, choices: Sequence[str] = (), form: str = "") -> None:
-        """Raise the error of the faults where there are some."""
-        if self._faults:
-            raise self.error(choices=choices, form=form)
-
-    def error(self, *, choices: Sequence[str] = (), form: str = "") -> ScenarioError:
-        """Return the error of the faults: the first by line, and how many more; with the expected form of a line."""
-        lines = [f"{self._path}:{at}: {words}" for at, words in sorted(self._faults)]
-        shown = format_faults(lines) + (f"\n{form}" if form else "")
-        return ScenarioError(shown, choices=tuple(choices))
+def check_faults(
+    path: Path,
+    faults: Collection[tuple[int, str]],
+    form: str,
+    choices: Sequence[str] = (),
+) -> None:
+    """Raise a ScenarioError where lines have faults: the first by line, how many more, and the expected form."""
+    if faults:
+        lines = [f"{path}:{at}: {words}" for at, words in sorted(faults)]
+        raise ScenarioError(f"{format_faults(lines)}\n{form}", choices=tuple(choices))
 
 
 def read_lines(path: Path, most: int = LARGEST) -> list[str]:
@@ -264,10 +251,8 @@ def finish_partial_model(
     if len(held) * _LEAST < len(free):
         # A small thing below the others: rather the largest group stands on the plate.
         lowest = min(free[k].span.bottom for k in _largest_group(free))
-        notes += _left_out(
-            "below the largest group of joined bricks",
-            [item.words for item in free if item.span.bottom < lowest],
-        )
+        below = [item.words for item in free if item.span.bottom < lowest]
+        notes += _left_out("below the largest group of joined bricks", below)
         free = [item for item in free if item.span.bottom >= lowest]
         held = _held(free)
     loose = [item.words for k, item in enumerate(free) if k not in held]
@@ -291,9 +276,8 @@ def _check_size(
     lows = [(s.x0, s.y0, s.bottom) for s in spans] + [i.low for i in obstacles]
     highs = [(s.x1, s.y1, s.top) for s in spans] + [i.high for i in obstacles]
     if np.ptp(np.array([*lows, *highs], dtype=np.float64), axis=0).max() > _REASONABLE:
-        raise ScenarioError(
-            f"{path}: the bricks are more than {_REASONABLE} studs apart"
-        )
+        words = f"the bricks are more than {_REASONABLE} studs apart"
+        raise ScenarioError(f"{path}: {words}")
 
 
 def _moved(
