@@ -112,9 +112,8 @@ def read_bodies(content: bytes) -> tuple[list[CadBody], list[str]]:
         patch, solids = known[number]
         triangles += len(patch.faces)
         if triangles > _MOST_TRIANGLES:
-            raise RequestError(
-                f"its bodies have more than {_MOST_TRIANGLES} triangles: export simpler ones"
-            )
+            most = f"more than {_MOST_TRIANGLES} triangles"
+            raise RequestError(f"its bodies have {most}: export simpler ones")
         called = names[0] or "a body"
         if not len(patch.faces):
             notes.append(f"{called}: has curves or points, and no surface: left out")

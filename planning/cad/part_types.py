@@ -105,10 +105,8 @@ class PartType:
             return None if same is None else body.pose @ same @ self.frame
         if self.form is None or exact is None:
             return None
-        turned = self.form.match(exact[0], ALIKE)
-        return (
-            None if turned is None else self.form.upright(body.pose @ exact[1] @ turned)
-        )
+        pose = self.form.match(exact[0], ALIKE)
+        return pose if pose is None else self.form.upright(body.pose @ exact[1] @ pose)
 
 
 def sort_by_shape(bodies: Sequence[CadBody]) -> list[PartType]:

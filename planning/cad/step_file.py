@@ -73,9 +73,8 @@ def read_assembly(file: Path) -> tuple[list[PartType], list[str]]:
         if most <= _MOST_TRIANGLES:
             break
     else:
-        raise RequestError(
-            f"{file}: a body has {most} triangles, more than {_MOST_TRIANGLES}: simplify it"
-        )
+        words = f"a body has {most} triangles, more than {_MOST_TRIANGLES}"
+        raise RequestError(f"{file}: {words}: simplify it")
     if deviation > _DEVIATIONS[0]:
         notes.append(f"round surfaces are met to within {deviation * 1e3:g} mm")
     if not bodies:
@@ -83,16 +82,13 @@ def read_assembly(file: Path) -> tuple[list[PartType], list[str]]:
         place = place_of_circle(file, _read(file))
         raise RequestError(f"{place}: no solid bodies: {found}")
     if len(bodies) < 2:
-        raise RequestError(
-            f"{file}: it has one body, and an assembly has two or more: export the"
-            " assembly, not a part"
-        )
+        words = "it has one body, and an assembly has two or more"
+        raise RequestError(f"{file}: {words}: export the assembly, not a part")
     types = sort_by_shape(bodies)
     points = np.vstack([p.vertices for own in types for p in own.placed])
     if np.abs(points).max() > LARGEST_M:
-        raise RequestError(
-            f"{file}: it reaches beyond {LARGEST_M} m: look at its units"
-        )
+        words = f"it reaches beyond {LARGEST_M} m: look at its units"
+        raise RequestError(f"{file}: {words}")
     return types, notes
 
 
@@ -166,6 +162,5 @@ def _reason(code: int, said: str, seconds: int) -> str:
         return f"its triangles take more than {_LARGEST_GLB >> 20} MiB: {_SIMPLER}"
     last = said.strip().rpartition("\n")[2].strip()[:200]
     how = name or f"exit code {code}" + (f": {last}" if last else "")
-    return (
-        f"the CAD kernel crashed on it ({how}): the file is not valid; export it again"
-    )
+    words = f"the CAD kernel crashed on it ({how})"
+    return f"{words}: the file is not valid; export it again"

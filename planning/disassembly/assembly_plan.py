@@ -204,7 +204,7 @@ class _Disassembly:
             )
             inner = None
             if len(removal.bodies) > 1:
-                first = max(removal.bodies, key=lambda name: self._volume[name])
+                first = max(removal.bodies, key=self._volume.__getitem__)
                 inner = self.plan(removal.bodies, first)
             x, y, z = (-removal.direction + 0.0).tolist()
             after = tuple(n for m in sorted(needed.predecessors(k)) for n in groups[m])

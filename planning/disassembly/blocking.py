@@ -122,10 +122,10 @@ class Blocking:
             by *= 2.0
             self.pressed[frozenset((first, second))] = 2.0 * by
             if deep or 2.0 * by > DEEPEST_PRESS:
+                deepest = f"more than {1e3 * DEEPEST_PRESS:.2f} mm where they belong"
                 raise ShapeError(
-                    f"{first} and {second} are in each other by more than"
-                    f" {1e3 * DEEPEST_PRESS:.2f} mm where they belong: correct their places or"
-                    " shapes, or export them as one body"
+                    f"{first} and {second} are in each other by {deepest}: correct their"
+                    " places or shapes, or export them as one body"
                 )
 
     def _contains(self, outer: str, inner: str) -> bool:

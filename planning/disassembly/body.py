@@ -80,10 +80,8 @@ def surface_of(body: AssemblyBody) -> Surface:
     """
     mesh = body.mesh.copy()
     if len(mesh.faces) > _MOST_TRIANGLES:
-        raise ShapeError(
-            f"{body.name} has {len(mesh.faces)} triangles, more than {_MOST_TRIANGLES}:"
-            " export it with a coarser tessellation"
-        )
+        words = f"has {len(mesh.faces)} triangles, more than {_MOST_TRIANGLES}"
+        raise ShapeError(f"{body.name} {words}: export it with a coarser tessellation")
     if not np.isfinite(mesh.vertices).all():
         raise ShapeError(f"{body.name} has coordinates that are not finite")
     mesh.merge_vertices(merge_tex=True, merge_norm=True)

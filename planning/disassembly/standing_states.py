@@ -106,10 +106,7 @@ class StandingStates:
     ) -> set[tuple[int, int]]:
         """Return pairs of steps, the first before the second, with which every order stands as well.
 
-        Args:
-            groups: names of the bodies of each step, in an order that stands.
-            waits: such pairs that are known.
-            holds: what is held in that order.
+        Given are the bodies of each step in an order that stands, pairs that are known, and what is held in it.
         """
         until: dict[int, int] = {}
         for hold in holds:

@@ -168,9 +168,10 @@ def read_lines(path: Path, most: int = LARGEST) -> list[str]:
         reason = error.strerror or str(error)
         raise ScenarioError(f"{path}: cannot be read: {reason}") from None
     if content.startswith(b"PK\x03\x04"):
-        raise ScenarioError(
-            f"{path}: this is an archive, such as Studio's .io: export the model as LDraw there"
+        words = (
+            "this is an archive, such as Studio's .io: export the model as LDraw there"
         )
+        raise ScenarioError(f"{path}: {words}")
     wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
     try:
         text = content.decode("utf-16" if wide else "utf-8-sig")

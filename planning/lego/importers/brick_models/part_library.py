@@ -76,9 +76,8 @@ class PartLibrary:
         self._open: list[str] = []
         self._lines = 0
         if folder is not None and self._entry(folder, "parts") is None:
-            raise ScenarioError(
-                f"{folder}: no parts library of LDraw: it has no folder 'parts'"
-            )
+            words = "no parts library of LDraw: it has no folder 'parts'"
+            raise ScenarioError(f"{folder}: {words}")
 
     def shape(self, name: str) -> PartShape | str:
         """Return the shape of a part, or the reason for which it has none.
