@@ -54,11 +54,7 @@ def description_file(
 
 
 def xacro_root(path: Path, arguments: Mapping[str, str | float | bool]) -> Element:
-    """Return a xacro file as XML.
-
-    Args:
-        path: the file.
-        arguments: of the file, by name.
+    """Return a xacro file as XML, given its arguments by name.
 
     Raises:
         RobotModelError: it cannot be expanded; the message says why and in which file.
@@ -116,9 +112,8 @@ def _expanded(path: Path, stamp: int, arguments: tuple[tuple[str, str], ...]) ->
         )
         answer = json.loads(done.stdout)
     except (subprocess.SubprocessError, ValueError):
-        raise RobotModelError(
-            f"{path} cannot be expanded within {CPU_S} s and the memory that an expansion may take"
-        ) from None
+        most = f"within {CPU_S} s and the memory that an expansion may take"
+        raise RobotModelError(f"{path} cannot be expanded {most}") from None
     if "text" in answer:
         return str(answer["text"])
     file = answer.get("file", path.name)

@@ -40,12 +40,7 @@ def default_cell() -> dict[str, Any]:
 
 
 def open_fingers(cell: dict[str, Any], opening: float) -> dict[str, Any]:
-    """Hold the fingers of the default arms apart, and return the rules for their grips.
-
-    Args:
-        cell: see ``default_cell``.
-        opening: between their fingers [m].
-    """
+    """Hold the fingers of the default arms of a cell apart by an opening [m], and return the rules for their grips."""
     for robot in cell["robots"]:
         robot["joints"] = dict.fromkeys(_FINGERS, round(0.5 * opening, 4))
     return {"opening_m": round(opening - SLACK_M, 4)}

@@ -202,10 +202,8 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
     """
     wide, deep, _ = model.size
     if not _fits(model):
-        raise ScenarioError(
-            f"the model covers {wide} x {deep} studs; {_MOST_WIDE} x {STUDS} fit between the"
-            " feeding stations of the plate"
-        )
+        words = f"{_MOST_WIDE} x {STUDS} fit between the feeding stations of the plate"
+        raise ScenarioError(f"the model covers {wide} x {deep} studs; {words}")
     arm, robots = robot_model(_MODEL), list[PlacedRobot]()
     for name, x, yaw in _ROBOTS:
         pose = from_rpy([x, 0.0, _BASE_Z], (0.0, 0.0, np.radians(yaw)))
@@ -239,18 +237,14 @@ def _content(
         at = translation(*item["pose"]["xyz_m"])
         standing.append(Fixture(item["name"], shape, at))
     finished = Finished(robots, plate, placed, standing)
-    stock = list[dict[str, Any]]()
-    for robot, (name, x, _) in zip(robots, _ROBOTS, strict=True):
-        stays_free = partial(finished.stays_free, name) if free else lambda _: True
-        kinds = list(model.kinds)
-        for station in find_stations(
-            robot, plate, span, kinds, far=x > 0.0, stays_free=stays_free
-        ):
-            stock += _stock(name, station)
-    listed = []
-    for name, x, yaw in _ROBOTS:
+    stock, listed = list[dict[str, Any]](), []
+    for robot, (name, x, yaw) in zip(robots, _ROBOTS, strict=True):
         base = {"xyz_m": [x, 0.0, _BASE_Z], "rpy_deg": [0, 0, yaw]}
         listed.append({"name": name, "model": _MODEL, "base": base})
+        stays_free = partial(finished.stays_free, name) if free else lambda _: True
+        place = partial(find_stations, robot, plate, span, list(model.kinds))
+        for station in place(far=x > 0.0, stays_free=stays_free):
+            stock += _stock(name, station)
     return {
         "cell": {"robots": listed, "fixtures": [_TABLE, *boxes]},
         "assembly": {
@@ -324,13 +318,9 @@ def obstacle_fixtures(
         middle = ((low + high) / 2 + [*corner, 0]) * _GRID
         pose = plate_corner(plate) @ translation(*middle)
         stem = re.sub(r"[^A-Za-z0-9]", "_", item.name.removesuffix(".dat"))[:40]
-        fixtures.append(
-            {
-                "name": f"obstacle_{number}_{stem}",
-                "size_m": [round(v, 6) for v in size.tolist()],
-                "pose": _pose_content(pose),
-            }
-        )
+        edges = [round(v, 6) for v in size.tolist()]
+        own = {"size_m": edges, "pose": _pose_content(pose)}
+        fixtures.append({"name": f"obstacle_{number}_{stem}", **own})
     return fixtures
 
 
@@ -370,15 +360,10 @@ def free_corner(
     for x, y in corners:
         if not any((x + i, y + j) in taken for i, j in covered):
             return x, y
-    names = {
-        taken[place]
-        for i, j in covered
-        if (place := (middle[0] + i, middle[1] + j)) in taken
-    }
-    raise ScenarioError(
-        f"{size}: there is no such room on the plate beside the stock; in the middle stand"
-        f" {', '.join(sorted(names)[:6])}"
-    )
+    here = [(middle[0] + i, middle[1] + j) for i, j in covered]
+    names = ", ".join(sorted({taken[at] for at in here if at in taken})[:6])
+    words = "there is no such room on the plate beside the stock; in the middle stand"
+    raise ScenarioError(f"{size}: {words} {names}")
 
 
 def _stock(robot: str, station: Station) -> list[dict[str, Any]]:
