@@ -90,14 +90,7 @@ _REAL = ("seconds", "until", "leaving_s", "travel")
 
 @dataclass(frozen=True)
 class PredictionModel:
-    """Input of the prediction of the makespan, for any choices.
-
-    Attributes:
-        choices: alternatives of all steps, in the order of the steps.
-        tables: the operations of the choices.
-        volumes: the space that the pieces of operations need.
-        robots: number of robots.
-    """
+    """Choices of all steps in their order, their operations, the space that these need, and the number of robots."""
 
     choices: tuple[StepChoice, ...]
     tables: PredictionTables

@@ -112,13 +112,7 @@ class Lying:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where parts lie at the start.
-
-    Attributes:
-        starts: poses of their frames in the world, by type.
-        lying: how they lie, by type.
-        notes: on those that no robot reaches.
-    """
+    """Poses of parts in the world at the start and how they lie, by type, and notes on those that no robot reaches."""
 
     starts: dict[str, list[Transform]] = field(default_factory=dict)
     lying: dict[str, Lying] = field(default_factory=dict)
@@ -130,11 +124,7 @@ def lay_out(
 ) -> Layout:
     """Return where all parts lie at the start.
 
-    Args:
-        parts: the types.
-        robots: of the cell.
-        frame: tool frame of the grips.
-        table: where they lie; becomes occupied by them.
+    Grips are of a tool frame. The parts are added to what stands on the table.
 
     Raises:
         ValueError: the table has no room for a part; the message names it.
@@ -156,10 +146,7 @@ def least_opening(
 ) -> float:
     """Return the least opening of fingers by which most parts are gripped as they are turned in their places [m].
 
-    Args:
-        parts: shapes and goals.
-        rules: for grips.
-        openings: from which it is chosen, the least first [m].
+    Given are the parts' shapes and goals, and openings from which it is chosen, the least first [m].
     """
     best = -1, 0.0
     for opening in openings:

@@ -30,13 +30,7 @@ _RESERVED = ("true", "false", "null", "yes", "no", "on", "off", "world")
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A body in the assembly.
-
-    Attributes:
-        name: unique, made of letters, digits, ``_`` and ``-``.
-        body: the body.
-        pose: of the frame of its type in the assembly.
-    """
+    """A body with its unique valid name, and the pose of the frame of its type in the assembly."""
 
     name: str
     body: CadBody

@@ -58,11 +58,7 @@ class Table:
 
 
 def find_table(cell: Workcell, base: str) -> Table:
-    """Return the largest fixture as a table, with what stands on it.
-
-    Args:
-        cell: with the base of the assembly, wherever it is.
-        base: name of that, which does not count.
+    """Return the largest fixture as a table, with what stands on it; the base of the assembly does not count.
 
     Raises:
         RequestError: there is no other fixture.
@@ -93,10 +89,7 @@ def best_place(
 ) -> tuple[float, float] | None:
     """Return where on a table an assembly is at the best distance from all robots; None where it has no room [m].
 
-    Args:
-        table: the table.
-        area: of the assembly, from its middle.
-        bases: of the robots, seen from above, each of shape (2,) [m].
+    Its area is seen from its middle, and the robots' bases from above, each of shape (2,) [m].
     """
     centre = 0.5 * (table.area.low + table.area.high)
     counts = ((table.area.high - centre) / _STEP).astype(int)

@@ -33,12 +33,7 @@ _DEEPEST = 256
 
 @dataclass(frozen=True, eq=False)
 class TriangleTree:
-    """Order of the triangles of a surface, such that neighbours are in the same boxes.
-
-    Attributes:
-        order: numbers of triangles, leaf by leaf, shape (leaves, n).
-        corners: the vertices of these triangles, shape (leaves * n, 3).
-    """
+    """Numbers of the triangles of a surface, leaf by leaf, shape (leaves, n), and their vertices, shape (leaves * n, 3)."""
 
     order: Indices
     corners: Indices

@@ -107,9 +107,8 @@ class ChoiceReader:
         k = choice.step
         tasks, near = self._expand(choice), self._planned
         waits = self._waits([*near[max(k - 2, 0) : k - 1], tasks, *near[k : k + 1]])
-        last = {
-            a.step: a.index for a, _ in waits if a.kind == self._awaited.get(a.step)
-        }
+        awaited = self._awaited
+        last = {a.step: a.index for a, _ in waits if a.kind == awaited.get(a.step)}
         gated = {b.index for a, b in waits if a.step < k and a.index == last.get(k - 1)}
         return self._times(choice, tasks, last.get(k, -1), gated)
 

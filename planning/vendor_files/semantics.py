@@ -31,10 +31,9 @@ _SINGLE = {"revolute", "continuous", "prismatic"}
 
 @dataclass(frozen=True)
 class Semantics:
-    """What the vendor of a robot says besides its description.
+    """What the vendor of a robot says in a file besides its description.
 
     Attributes:
-        path: the file.
         ignored: pairs of links that need no collision check, each with the reason.
         poses: named poses: values by joint [rad or m].
         hands: links that end effectors hang on.

@@ -95,14 +95,7 @@ class Wishes:
 
 @dataclass(frozen=True, eq=False)
 class ImportedAssembly:
-    """What was read and written.
-
-    Attributes:
-        base: the body that is a fixture.
-        entries: the parts, in the order of the steps.
-        notes: what was left out or assumed.
-        report: findings of the check of the scenario.
-    """
+    """The base, parts in the order of the steps, notes on what was left out or assumed, and the check of the scenario."""
 
     base: Placed
     entries: tuple[PartEntry, ...]

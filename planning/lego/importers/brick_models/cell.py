@@ -165,14 +165,7 @@ def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
 
 @dataclass(frozen=True)
 class Finished:
-    """Picks at stations next to the finished model.
-
-    Attributes:
-        robots: of the cell.
-        plate: of the model.
-        structure: the bricks of the model in their places.
-        obstacles: what stands among them.
-    """
+    """Picks of a cell's robots at stations next to the finished model, with what stands among its bricks."""
 
     robots: tuple[PlacedRobot, ...]
     plate: Plate

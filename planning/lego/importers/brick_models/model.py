@@ -91,13 +91,7 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class BrickModel:
-    """A brick model, moved to the corner of the grid and down to its plate.
-
-    Attributes:
-        bricks: in the order of the file.
-        notes: what was not imported, a line each.
-        obstacles: what is there from the start.
-    """
+    """A brick model, moved to the corner of the grid and down to its plate, with notes on what was not imported."""
 
     bricks: tuple[ModelBrick, ...]
     notes: tuple[str, ...] = ()
