@@ -56,14 +56,8 @@ def search_assignments(
     """Return the assignments that are predicted to end first among those that each run looks at.
 
     There is no search if robots change tools or keep holding what they placed, or if there are machines: the prediction
-    of the makespan does not model these.
-
-    Args:
-        cell: where it is built.
-        work: what is built.
-        plan: that of the integer program.
-        settings: how tasks are turned into motions.
-        moves: assignments to look at; by default as many as the number of steps asks for.
+    of the makespan does not model these. The search begins with the plan of the integer program, and looks at so many
+    assignments, by default as many as the number of steps asks for.
     """
     problem = work.problem
     if problem.kept or problem.changes or cell.machines:
@@ -132,15 +126,7 @@ def anneal(
     moves: int,
     seed: int,
 ) -> tuple[float, Indices]:
-    """Return the assignment found with the shortest predicted makespan, and that makespan [s].
-
-    Args:
-        model: predicts makespans.
-        neighbours: of its choices.
-        start: number of the choice of each step, shape (steps,).
-        moves: number of assignments to try.
-        seed: of the draws.
-    """
+    """Return the shortest predicted makespan found in some moves [s], and the choice of each step, shape (steps,)."""
     state = make_state(model)
     chosen, best = start.copy(), start.copy()
     users = np.full(len(neighbours.unlimited), _NONE, dtype=np.int64)

@@ -46,13 +46,7 @@ class Volumes(NamedTuple):
 def build_volumes(
     cell: Workcell, robots: Sequence[str], pieces: Sequence[Array]
 ) -> Volumes:
-    """Return the volumes of pieces of motions.
-
-    Args:
-        cell: the robots, and the distance that they keep.
-        robots: the robot of each piece.
-        pieces: configurations of each piece, shape (SAMPLES, n).
-    """
+    """Return the volumes of pieces of motions, given the robot and the configurations of each, shape (SAMPLES, n)."""
     keep = 0.5 * (cell.clearances.robot_robot + MARGIN)
     tables = {robot.name: robot_bodies(robot).hulls for robot in cell.robots}
     sizes = [SAMPLES * len(tables[name].radius) for name in robots]

@@ -69,11 +69,7 @@ def _least_turn(pose: Transform, turns: Iterable[Array]) -> Array:
 
 @dataclass(frozen=True)
 class RodForm:
-    """Cylinders in a row on the z axis of its frame, whose origin is in the middle.
-
-    Attributes:
-        rows: radius and length of each, from below [m].
-    """
+    """Cylinders in a row on the z axis of its frame, origin in the middle: radius and length of each, from below [m]."""
 
     rows: tuple[tuple[float, float], ...]
 
@@ -193,13 +189,7 @@ def _rod(
 def _rows(
     body: CadBody, high: Array, out: Array
 ) -> tuple[tuple[float, float], ...] | None:
-    """Return radius and length of the cylinders in a row whose surface triangles are.
-
-    Args:
-        body: the body.
-        high: of its corners along the axis [m].
-        out: distance of its corners from the axis [m].
-    """
+    """Return radius and length of the cylinders in a row that a body is, given how high and far out its corners are [m]."""
     levels = np.sort(high)
     levels = levels[np.diff(levels, prepend=-np.inf) > EXACT]
     spans, rows = high[body.faces], list[tuple[float, float]]()

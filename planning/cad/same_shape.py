@@ -24,14 +24,9 @@ _WIDE = 0.05
 
 
 def pose_of(own: CadBody, other: CadBody, within: float = ALIKE) -> Transform | None:
-    """Return the pose at which the corners of a body are those of another one.
+    """Return the pose in the frame of another body at which the corners of a body are those of that, within a distance [m].
 
-    Args:
-        own, other: the bodies.
-        within: greatest distance of a corner from the other's [m].
-
-    Returns:
-        Pose in the frame of the other body; None if they are not the same shape.
+    None if they are not the same shape.
     """
     points, others = own.vertices, other.vertices
     if len(points) != len(others) or len(own.faces) != len(other.faces):

@@ -93,11 +93,7 @@ def read_assembly(file: Path) -> tuple[list[PartType], list[str]]:
 
 
 def triangulate_step(path: Path, deviation: float) -> bytes:
-    """Return the bodies of a STEP file as GLB, lengths in metres.
-
-    Args:
-        path: the file.
-        deviation: greatest distance of the triangles from round surfaces [m].
+    """Return the bodies of a STEP file as GLB, in metres, with triangles within a deviation from round surfaces [m].
 
     Raises:
         RequestError: the file cannot be read, is not valid, or needs more time or memory than there is.

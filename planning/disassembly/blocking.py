@@ -49,10 +49,7 @@ _MOST_SEEN = 6_000_000
 
 
 class Blocking:
-    """Bodies of a finished assembly, and which are in the way of which others.
-
-    Args:
-        bodies: with different names.
+    """Bodies of a finished assembly, with different names, and which are in the way of which others.
 
     Raises:
         ShapeError: a surface cannot be used, or two bodies overlap too deeply.
@@ -81,13 +78,7 @@ class Blocking:
         return bool(np.all(low <= most + within) and np.all(least <= high + within))
 
     def blocks(self, other: str, body: str, direction: Array) -> bool:
-        """Return whether one body is in the way of another that leaves along a direction.
-
-        Args:
-            other: what may be in the way.
-            body: what leaves, straight and however far.
-            direction: unit vector, shape (3,).
-        """
+        """Return whether one body is in the way of another that leaves along a unit vector, straight and however far."""
         # The other one, moved the opposite way, meets the body likewise.
         if direction[np.flatnonzero(np.abs(direction) > 1e-9)[0]] < 0.0:
             return self.blocks(body, other, -direction)
@@ -100,13 +91,7 @@ class Blocking:
         return self._known[key]
 
     def clear_length(self, body: str, others: Iterable[str], direction: Array) -> float:
-        """Return the length of a free straight motion after which a body stays clear of others [m].
-
-        Args:
-            body: what leaves.
-            others: what is there and not in its way.
-            direction: unit vector along which it leaves, shape (3,).
-        """
+        """Return the length of a free straight motion along a unit vector after which a body stays clear of others [m]."""
         rear = self._view(body, direction, 0.0, front=False)
         fronts = (self._view(o, direction, 0.0, front=True) for o in others)
         rises = (greatest_rise(rear, front, CLEAR) for front in fronts)

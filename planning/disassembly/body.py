@@ -30,13 +30,7 @@ _DEPENDENT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class AssemblyBody:
-    """A rigid body in its place in the finished assembly.
-
-    Attributes:
-        name: unique among the bodies.
-        mesh: its surface, closed, in the frame of the finished assembly [m].
-        density_kg_m3: of its material.
-    """
+    """A rigid body of a unique name, with its closed surface in the frame of the finished assembly [m]."""
 
     name: str
     mesh: trimesh.Trimesh

@@ -55,7 +55,7 @@ def build_tree(vertices: Array, faces: Indices) -> TriangleTree:
 
 
 class TriangleView(NamedTuple):
-    """Triangles of a surface in a frame, with boxes around those that count.
+    """Triangles of a surface in a frame whose third axis is the height, with boxes around those that count.
 
     Attributes:
         points: vertices, shape (v, 3) [m].
@@ -94,14 +94,7 @@ def _joined(boxes: Array, size: int) -> Array:
 def greatest_rise(lower: TriangleView, upper: TriangleView, room: float) -> float:
     """Return by how much one view rises above another, no less, where they are no farther apart than some room [m].
 
-    Triangles count as the boxes around them, which is exact for triangles of one height.
-
-    Args:
-        lower, upper: triangles in a frame whose third axis is the height.
-        room: across the height [m].
-
-    Returns:
-        0 if the upper one is nowhere higher.
+    Triangles count as the boxes around them, which is exact for triangles of one height. 0 if it is nowhere higher.
     """
     return float(_compare(lower, upper, room, np.inf, False, np.empty((0, 4))))
 
@@ -111,22 +104,15 @@ def rises_above(
 ) -> bool:
     """Return whether a triangle of one view is somewhere higher than one of another in the same frame.
 
-    Args:
-        lower, upper: triangles in a frame whose third axis is the height.
-        crosses: whether the same two triangles must elsewhere be the other way about.
+    If it must cross that, the same two triangles are elsewhere the other way about.
     """
     return bool(_compare(lower, upper, 0.0, 0.0, crosses, np.empty((0, 4))) > 0.0)
 
 
 def contact_corners(lower: TriangleView, upper: TriangleView, touch: float) -> Array:
-    """Return the corners of the overlaps of triangles that are close to each other along the height.
+    """Return the corners of the overlaps of triangles that are no farther apart, or deeper, along the height [m].
 
-    Args:
-        lower, upper: triangles in a frame whose third axis is the height.
-        touch: greatest distance, or depth, along the height [m].
-
-    Returns:
-        Places on the upper triangles, each with its height above the lower one, shape (n, 4) [m].
+    They are on the upper triangles, each with its height above the lower one, shape (n, 4) [m].
     """
     out = np.empty((_CORNERS, 4))
     while (count := int(_compare(lower, upper, 0.0, touch, False, out))) > len(out):

@@ -42,17 +42,9 @@ def described_robot(
     fitting: Fitting,
     **given: str | Literal[False] | Mapping[str, str | float | bool],
 ) -> RobotModel:
-    """Return a robot model made of a description and of what its vendor says; see ``with_vendor_files``.
+    """Return a registered robot, or one made of a description and of what its vendor says.
 
-    Args:
-        model: name of a registered robot or path of a description.
-        folder: where relative paths start.
-        fitting: changes of the cell.
-        given: keys of the robot.
-
-    Raises:
-        RobotModelError: a file cannot be used.
-        FittingError: a key of the robot does not fit; the message names it.
+    Arguments and errors are as of ``with_vendor_files``.
     """
     if model in ROBOTS:
         for key in given:

@@ -47,11 +47,9 @@ def open_fingers(cell: dict[str, Any], opening: float) -> dict[str, Any]:
 
 
 def cell_like(name: Path, output: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the cell of another scenario, and its rules for grips if it has any.
+    """Return the cell of a scenario file or a shipped scenario, and its rules for grips if it has any.
 
-    Args:
-        name: a scenario file, or the name of a shipped scenario.
-        output: file of the new scenario, beside which paths in the cell are relative.
+    Paths in it become relative to the new scenario.
 
     Raises:
         ScenarioError: there is no such scenario, or it is not valid.

@@ -59,12 +59,7 @@ def part_content(
 ) -> dict[str, Any]:
     """Return the entry of a part, or of parts that are alike, in ``assembly.parts``.
 
-    Args:
-        entry: the parts.
-        shape: of each, see ``shape_content``.
-        starts: where they lie.
-        number: of the type, for its colour where the file gives none.
-        grips: rules for grips on it that are others than those of the assembly.
+    The number of the type is for its colour; rules for grips are those that are others than the assembly's.
     """
     out: dict[str, Any] = {"name": entry.name, **shape}
     begin = [pose_content(pose) for pose in starts]

@@ -43,8 +43,7 @@ def ordered_groups(
     """Return the parts in an order in which they can be put together.
 
     Args:
-        types: of the bodies.
-        base: the body that is there first.
+        types, base: the bodies, and the one that is there first.
         turn: rotation of the assembly after which z is up.
         densities: by body [kg/m^3].
         file: for messages.

@@ -124,12 +124,7 @@ def import_step_file(file: Path, output: Path, wishes: Wishes) -> ImportedAssemb
 
 
 class _Writer:
-    """Writer of the scenario of one assembly, see ``import_step_file``.
-
-    Attributes:
-        base: the body that the others are put on, a fixture.
-        notes: what was left out or assumed.
-    """
+    """Writer of the scenario of one assembly, see ``import_step_file``."""
 
     def __init__(self, file: Path, output: Path, wishes: Wishes) -> None:
         types, self.notes = read_assembly(file)
