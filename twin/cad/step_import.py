@@ -223,16 +223,12 @@ class _Writer:
         assembly: dict[str, Any] = {"kind": "assembly"}
         if self._grips:
             assembly["grips"] = self._grips
-        assembly["parts"] = [
-            part_content(
-                own,
-                self._shapes[own.type.name],
-                layout.starts[own.name],
-                numbers[own.type.name],
-                self._own_grips(layout.lying.get(own.name)),
-            )
-            for own in entries
-        ]
+        assembly["parts"] = []
+        for own in entries:
+            kind, starts = own.type.name, layout.starts[own.name]
+            rules = self._own_grips(layout.lying.get(own.name))
+            part = part_content(own, self._shapes[kind], starts, numbers[kind], rules)
+            assembly["parts"].append(part)
         assembly["steps"] = [own.name for own in entries]
         if presses:
             assembly["fits"] = list(presses)
@@ -272,14 +268,10 @@ class _Writer:
         """Return the rules for grips on a part that are others than those of the assembly."""
         if lying is None or lying.rules is None:
             return {}
-        usual, given = GripRules(), self._grips or {}
-        pairs = {
-            "depth_m": (lying.rules.depth, usual.depth),
-            "opening_m": (lying.rules.opening, usual.opening),
-        }
-        return {
-            k: own for k, (own, other) in pairs.items() if own != given.get(k, other)
-        }
+        usual = {"depth_m": GripRules().depth, "opening_m": GripRules().opening}
+        usual |= self._grips or {}
+        own = {"depth_m": lying.rules.depth, "opening_m": lying.rules.opening}
+        return {key: value for key, value in own.items() if value != usual[key]}
 
     def _opening(self, entries: Sequence[PartEntry]) -> float:
         """Return how far fingers must be apart [m]."""
@@ -305,9 +297,9 @@ class _Writer:
             found = best_place(table, area, bases)
             if found is None:
                 size = " x ".join(f"{v * 1e3:.0f}" for v in (high - low)[:2])
+                words = f"which is {size} mm seen from above: say --at X,Y,Z"
                 raise RequestError(
-                    f"{self._file}: the table has no room for the assembly, which is {size} mm"
-                    " seen from above: say --at X,Y,Z"
+                    f"{self._file}: the table has no room for the assembly, {words}"
                 )
             at = (*found, table.top)
         return translation(*(np.array(at) - middle)) @ self._turn
@@ -318,17 +310,12 @@ class _Writer:
         """Return the parts of the scenario, in the order of their steps."""
         kinds = [kind.name for kind, *_ in groups]
         names = unique_names(kinds, fixture_names(self._cell))
-        return tuple(
-            PartEntry(
-                name,
-                kind,
-                tuple(place @ own.pose for own in placed),
-                insert,
-                length,
-                self._densities[placed[0].name],
-            )
-            for name, (kind, placed, insert, length) in zip(names, groups, strict=True)
-        )
+        out = []
+        for name, (kind, placed, insert, length) in zip(names, groups, strict=True):
+            goals = tuple(place @ own.pose for own in placed)
+            density = self._densities[placed[0].name]
+            out.append(PartEntry(name, kind, goals, insert, length, density))
+        return tuple(out)
 
     def _layout(
         self,
