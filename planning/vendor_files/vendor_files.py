@@ -89,14 +89,12 @@ def with_vendor_files(
         path = stored_xacro(source, xacro)
     elif xacro:
         raise FittingError(f"{path} is no xacro file", key="xacro")
-    said = None
-    if srdf is not False:
-        said = _semantics(path, source, folder, srdf, xacro)
-    root = read_description(path) if said is not None else None
-    if said is None or root is None:
+    said = None if srdf is False else _semantics(path, source, folder, srdf, xacro)
+    if said is None:
         if home is not None:
             raise FittingError(f"{path} comes with no named poses", key="home")
         return str(path), fitting
+    root = read_description(path)
     if ignored_pairs(root):  # of a stored description, which has all of it
         return str(path), fitting
     links = {str(link.get("name")) for link in root.findall("link")}
