@@ -125,7 +125,8 @@ class PartBalance:
     def _known_waits(self) -> Iterator[tuple[int, int]]:
         """Yield the step precedences that hold in any plan."""
         for k, step in enumerate(self._steps):
-            yield from ((self._named[name], k) for name in step.step.after)
+            before = (self._named.get(name) for name in step.step.after)
+            yield from ((first, k) for first in before if first is not None)
             for name in step.touched:
                 if self._number.get(name, k) < k:
                     yield self._number[name], k
@@ -175,6 +176,8 @@ def balance_groups(
 ) -> Iterator[tuple[int, Sequence[KnownStep], StandingRules]]:
     """Yield the steps of each product or group of products, and the rules for them.
 
+    What a step waits for in an earlier group is complete by then, such as a batch of several products.
+
     Args:
         steps: of all products, in their order.
         rules: for all of them.
@@ -187,7 +190,10 @@ def balance_groups(
     for first, stop in pairwise([0, *sorted(leaves), len(steps)]):
         if own := steps[first:stop]:
             others = placed - {s.part.name for s in own if isinstance(s, PartStep)}
-            joints = tuple(j for j in rules.joints if others.isdisjoint(j.ends))
+            named = {None, *(s.step.name for s in own)}
+            joints = tuple(
+                j for j in rules.joints if others.isdisjoint(j.ends) and j.by in named
+            )
             yield first, own, replace(rules, joints=joints)
 
 

@@ -257,9 +257,7 @@ def operate(
 
 def _products_of(steps: Iterable[int], kind: AssemblyKind) -> set[int]:
     """Return the products of some steps, from 1; empty for one product."""
-    if (count := kind.products()) == 1:
-        return set()
-    return {(step - 1) // (kind.steps() // count) + 1 for step in steps}
+    return set() if kind.products() == 1 else set(map(kind.product_of, steps))
 
 
 def _with_products(

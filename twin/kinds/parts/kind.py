@@ -22,6 +22,7 @@ from twin.kinds.parts.alike import (
     listed_steps,
     with_named_parts,
 )
+from twin.kinds.parts.batches import batch_shares, batch_sizes
 from twin.kinds.parts.line import Line, machine_durations, write_out_line
 from twin.kinds.parts.problems import (
     disturbed_machines,
@@ -75,7 +76,21 @@ class PartKind(AssemblyKind):
 
     def steps(self) -> int:
         """Return the number of steps, of one product or of all."""
-        return len(listed_steps(self.section)) * (self.products() if self.whole else 1)
+        count, products = len(listed_steps(self.section)), self.products()
+        if not self.whole:
+            return count
+        sizes = batch_sizes(self.section)
+        saved = (
+            products * number + -products * number // size
+            for size, number in batch_shares(self.section.steps, sizes)
+        )
+        return count * products - sum(saved)
+
+    def product_of(self, step: int) -> int:
+        """Return the product of a step of all products, both from 1; of a batch, that of its last part."""
+        pattern = write_out_line(self.section)
+        copy, own = divmod(step - 1, len(pattern.origins))
+        return pattern.origins[own][0] + copy * pattern.period
 
     def wanted_steps(self) -> int:
         """Return the number of steps without those of spare products."""
@@ -214,6 +229,8 @@ class PartKind(AssemblyKind):
             with watch.stage("assignment", ASSIGNMENT):
                 work = lazy_part_work(cell, assembly)
         period = len(listed_steps(self.section))
+        if batch_sizes(self.section):
+            period = len(write_out_line(self.section).origins)
         return replace(work, product=period, spare_steps=spare)
 
     def assembly(self, cell: Workcell, watch: StageWatch) -> PartWork:

@@ -10,6 +10,8 @@ from functools import cached_property, lru_cache
 from itertools import product as product_of
 from typing import TypeVar
 
+import numpy as np
+
 from planning.parts.assembly import TimeLag
 from planning.parts.supply import Leaving, Supply
 from planning.tasks.refill import PlacedPart, Refill
@@ -19,6 +21,13 @@ from scheduling.copies import product_part_name
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
+from twin.kinds.parts.batches import (
+    batch_names,
+    batch_shares,
+    batch_sizes,
+    merged_batches,
+    order_in_batches,
+)
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
 from twin.kinds.parts.sources import (
@@ -44,24 +53,30 @@ class MachineJob:
         machine: its machine; an unattended step has its own chain.
         door: name of the object that is its door for as long as it works, None for none.
         part: what this door is called in every product, None for none.
-        product: for which product it works, from 1.
+        product: for which product it works, from 1; of a batch, the last one.
+        parts: all parts of a batch, empty for one part.
     """
 
     machine: str
     door: str | None = None
     part: str | None = None
     product: int = 1
+    parts: tuple[str, ...] = ()
 
 
-def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]:
+def machine_jobs(
+    section: PartsSection,
+    products: Sequence[int],
+    batches: Mapping[int, tuple[str, ...]],
+) -> Mapping[int, MachineJob]:
     """Return the jobs of steps without robots, by step number from 1.
 
     Args:
         section: with the steps of all products that are written out.
-        period: how many these are.
+        products: the product of each step.
+        batches: the parts of batches, by step number.
     """
     uses = Counter(step.process for step in section.steps if step.process)
-    length = len(section.steps) // period
     found: dict[int, MachineJob] = {}
     counted: Counter[tuple[str, int]] = Counter()
     for number, step in enumerate(section.steps, start=1):
@@ -69,7 +84,7 @@ def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]
         process = section.processes.get(name)
         if process is None or not process.without_robot:
             continue
-        product = (number - 1) // length + 1
+        product = products[number - 1]
         machine, door, part = process.machine, None, None
         if machine is None:
             counted[name, 0] += 1
@@ -83,7 +98,8 @@ def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]
             door = (
                 part if section.products is None else product_part_name(part, product)
             )
-        found[number] = MachineJob(machine, door, part, product)
+        parts = batches.get(number, ())
+        found[number] = MachineJob(machine, door, part, product, parts)
     return found
 
 
@@ -99,6 +115,7 @@ class Line:
         period: how many are written out.
         numbers: part and product by name of a numbered part.
         jobs: jobs of steps without robots, by step number from 1.
+        origins: product of each step, from 1, and step of that product, from 0; of a batch, the last ones.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
     """
 
@@ -109,6 +126,7 @@ class Line:
     period: int = 1
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
+    origins: tuple[tuple[int, int], ...] = ()
     alike: tuple[AlikeParts, ...] = ()
 
     @cached_property
@@ -148,11 +166,12 @@ def write_out_line(section: PartsSection, *, whole: bool = False) -> Line:
         whole: write out all products, however many they are.
     """
     named = with_named_parts(section)
-    line = (
-        _written_out(named.model_dump_json(), whole)
-        if _has_line(named)
-        else Line(named, jobs=machine_jobs(named, 1))
-    )
+    if _has_line(named):
+        line = _written_out(named.model_dump_json(), whole)
+    else:
+        origins = tuple((1, k) for k in range(len(named.steps)))
+        jobs = machine_jobs(named, [1] * len(origins), {})
+        line = Line(named, jobs=jobs, origins=origins)
     return line if named is section else replace(line, alike=alike_parts(section))
 
 
@@ -162,7 +181,8 @@ def _written_out(text: str, whole: bool) -> Line:
 
 
 def _has_line(section: PartsSection) -> bool:
-    return bool(section.sources) or section.products is not None
+    several = section.products is not None or batch_sizes(section)
+    return bool(section.sources or several)
 
 
 def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
@@ -215,13 +235,23 @@ class _Writer:
         self.slots = {
             name: source_places(item) for name, item in section.sources.items()
         }
-        self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
-        for name in section.taken:
-            if (source := self.parts[name].source) is not None:
-                self.taken[source].append(name)
         grid = None if products is None else products.places
         self.places = [translation(0.0, 0.0, 0.0)] if grid is None else grid.places()
-        self.period = self.products if whole else self._period()
+        self.sizes = batch_sizes(section)
+        unit = self._period()
+        self.period = self.products if whole else unit
+        order = order_in_batches([section.steps] * unit, self.sizes)
+        self.order = [
+            tuple((first + product, step) for product, step in group)
+            for first in range(1, self.period + 1, unit)
+            for group in order
+            if first + group[0][0] <= self.period
+        ]
+        self.number = {
+            own: number for number, group in enumerate(self.order, 1) for own in group
+        }
+        self.taken = self._taken_parts()
+        self.renamed: dict[str | None, str] = {}
 
     def line(self) -> Line:
         handled = set(self.section.placed)
@@ -235,9 +265,8 @@ class _Writer:
                 continue
             size = len(self.slots[source])
             # The parts of the pattern, and those that fill the source at its end.
-            end = self.period * len(names) + size
-            for q in range(min(end, self.products * len(names))):
-                part, product = names[q % len(names)], q // len(names) + 1
+            for q in range(min(len(names) + size, self._supplied(names))):
+                part, product = self._taken_at(names, q)
                 name = self._name(part, product)
                 parts.append(self._part(part, product, self.slots[source][q % size]))
                 if self.section.products is not None:
@@ -246,15 +275,12 @@ class _Writer:
                 if q >= size:
                     later.add(name)
                 if q >= size and q % size == 0:
-                    refills[self._taken_in(names, q - 1)] = self._refill(source, q)
+                    refills[self._taken_in(names[q - 1])] = self._refill(source, q)
         for name in self.section.placed:
             if self.parts[name].source is None:
                 parts.append(self._part(name, 1, None))
-        steps = tuple(
-            self._step(step, product)
-            for product in range(1, self.period + 1)
-            for step in self.section.steps
-        )
+        steps, batches = self._steps()
+        origins = tuple(group[-1] for group in self.order)
         section = self.section.model_copy(
             update={
                 "parts": tuple(parts),
@@ -263,7 +289,7 @@ class _Writer:
                 "fits": tuple(fit for fit, _ in self._of_products(self.section.fits)),
             }
         )
-        jobs = machine_jobs(section, self.period)
+        jobs = machine_jobs(section, [product for product, _ in origins], batches)
         if section.products is not None:
             for job in jobs.values():
                 if job.door is not None and job.part is not None:
@@ -281,29 +307,55 @@ class _Writer:
             self.period,
             numbers,
             jobs,
+            origins,
         )
 
     def _period(self) -> int:
-        """Return the period: number of products after which all sources are full and places empty."""
-        period = 1
-        for source, names in self.taken.items():
-            size = len(self.slots[source])
-            if names:
-                period = math.lcm(period, size // math.gcd(size, len(names)))
-        period = math.lcm(period, len(self.places))
+        """Return the period: number of products after which all sources are full and places and machines empty.
+
+        It is all of them where the last batch is smaller than the others.
+        """
+        taken = Counter(self.parts[name].source for name in self.section.taken)
+        sizes = [(len(self.slots[k]), n) for k, n in taken.items() if k is not None]
+        sizes += batch_shares(self.section.steps, self.sizes)
+        places = [step.at.grid for step in self.section.steps if step.at]
+        sizes += [(grid.size, 1) for grid in places if grid]
+        shares = [size // math.gcd(size, number) for size, number in sizes]
+        period = math.lcm(len(self.places), *shares)
+        if self.sizes and self.products % period:
+            return self.products
         return min(period, self.products)
+
+    def _taken_parts(self) -> dict[str, list[tuple[str, int]]]:
+        """Return the parts taken from each source in the pattern, with their products, in order."""
+        found: dict[str, list[tuple[str, int]]] = {k: [] for k in self.section.sources}
+        first: set[tuple[str, int]] = set()
+        for product, k in (own for group in self.order for own in group):
+            name = self.section.steps[k].place
+            source = None if name is None else self.parts[name].source
+            if name is not None and source is not None and (name, product) not in first:
+                first.add((name, product))
+                found[source].append((name, product))
+        return found
+
+    def _supplied(self, names: Sequence[tuple[str, int]]) -> int:
+        """Return the number of parts that a source supplies to all products."""
+        return len(names) // self.period * self.products
 
     def _name(self, part: str, product: int) -> str:
         own = self.section.products is not None and part in self.section.placed
         return product_part_name(part, product) if own else part
 
-    def _taken(self, names: list[str], q: int) -> str:
-        return self._name(names[q % len(names)], q // len(names) + 1)
+    def _taken_at(self, names: list[tuple[str, int]], q: int) -> tuple[str, int]:
+        """Return the part of a source that is taken as number q, from 0, and its product."""
+        part, product = names[q % len(names)]
+        return part, product + q // len(names) * self.period
 
-    def _taken_in(self, names: list[str], q: int) -> int:
-        """Return the step that takes a part of a source, counted from 0."""
+    def _taken_in(self, taken: tuple[str, int]) -> int:
+        """Return the step that takes a part from its source."""
+        part, product = taken
         steps = [step.place for step in self.section.steps]
-        return q // len(names) * len(steps) + steps.index(names[q % len(names)]) + 1
+        return self.number[product, steps.index(part)]
 
     def _part(self, name: str, product: int, slot: Transform | None) -> PartSection:
         part = self.parts[name]
@@ -321,9 +373,10 @@ class _Writer:
     def _refill(self, source: str, first: int) -> Refill:
         """Return the refill of a source at a part counted from 0."""
         names, places = self.taken[source], self.slots[source]
-        last = min(first + len(places), self.products * len(names))
+        last = min(first + len(places), self._supplied(names))
         parts: tuple[PlacedPart, ...] = tuple(
-            (self._taken(names, q), places[q % len(places)]) for q in range(first, last)
+            (self._name(*self._taken_at(names, q)), places[q % len(places)])
+            for q in range(first, last)
         )
         section = self.section.sources[source]
         machine = feeding_machine(source, section)
@@ -333,16 +386,18 @@ class _Writer:
 
     def _leaves(self) -> Iterator[tuple[int, Leaving]]:
         """Yield leaving objects with their steps."""
-        together, steps = len(self.places), len(self.section.steps)
+        together, steps = len(self.places), range(len(self.section.steps))
         if self.section.products is None or together > self.products:
             return
         for last in range(together, self.period + 1, together):
+            products = range(last - together + 1, last + 1)
             parts = tuple(
                 (self._name(name, product), self._goal(name, product))
-                for product in range(last - together + 1, last + 1)
+                for product in products
                 for name in self.section.placed
             )
-            yield last * steps, Leaving(OUTFEED, parts)
+            done = max(self.number[own] for own in product_of(products, steps))
+            yield done, Leaving(OUTFEED, parts)
 
     def _goal(self, name: str, product: int) -> Transform:
         goal = self._part(name, product, None).goal
@@ -355,7 +410,7 @@ class _Writer:
             by = joint.by
             if by is not None and self.section.products is not None:
                 by = product_part_name(by, product)
-            yield joint.model_copy(update={"by": by})
+            yield joint.model_copy(update={"by": self.renamed.get(by, by)})
 
     def _of_products(self, pairs: Sequence[Pair]) -> Iterator[tuple[Pair, int]]:
         """Yield pairs with names expanded for each product and its number; others once."""
@@ -363,6 +418,20 @@ class _Writer:
             parts = tuple(self._name(name, product) for name in item.parts)
             if parts != item.parts or product == 1:
                 yield item.model_copy(update={"parts": parts}), product
+
+    def _steps(self) -> tuple[tuple[StepSection, ...], dict[int, tuple[str, ...]]]:
+        """Return the steps of all products in their order, and the parts of batches, by step number."""
+        groups = [
+            [self._step(self.section.steps[k], product) for product, k in group]
+            for group in self.order
+        ]
+        batches = {
+            number: tuple(step.at.part for step in own if step.at and step.at.part)
+            for number, own in enumerate(groups, start=1)
+            if len(own) > 1
+        }
+        self.renamed = batch_names(groups)
+        return merged_batches(groups, self.renamed), batches
 
     def _step(self, step: StepSection, product: int) -> StepSection:
         """Return a step for a product, with that product's names."""
@@ -385,6 +454,10 @@ class _Writer:
         if step.at is not None and step.at.part is not None:
             part = self._name(step.at.part, product)
             update["at"] = step.at.model_copy(update={"part": part})
+        if step.at is not None and (grid := step.at.grid) is not None:
+            pose = np.eye(4) if step.at.pose is None else step.at.pose.transform()
+            place = PoseSection.of(pose @ grid.places()[(product - 1) % grid.size])
+            update["at"] = step.at.model_copy(update={"pose": place, "grid": None})
         return step.model_copy(update=update)
 
 

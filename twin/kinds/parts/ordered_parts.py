@@ -12,6 +12,7 @@ from planning.parts.assembly import PartAssembly, Work
 from planning.parts.part_steps import KnownStep, part_steps
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import listed_steps
+from twin.kinds.parts.line import write_out_line
 from twin.kinds.parts.section import PartsSection
 
 
@@ -70,8 +71,12 @@ class OrderedParts:
 
     def step_at(self, number: int, *keys: str) -> KeyPath:
         """Return the path of a step in the file, by its number from 1; products share paths."""
-        listed = listed_steps(self.section)
-        return ("assembly", "steps", listed[(number - 1) % len(listed)], *keys)
+        listed, origins = (
+            listed_steps(self.section),
+            write_out_line(self.section).origins,
+        )
+        _, step = origins[(number - 1) % len(origins)]
+        return ("assembly", "steps", listed[step], *keys)
 
     def works(self) -> Iterator[tuple[int, KnownStep, Work, list[PlacedRobot]]]:
         """Yield robot processes in that order: listed number from 1, and allowed robots.

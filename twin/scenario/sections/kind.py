@@ -100,6 +100,10 @@ class AssemblyKind(Protocol):
         """Return the number of first steps that are wanted as long as nothing fails and nothing else is ordered."""
         return self.steps()
 
+    def product_of(self, _step: int) -> int:
+        """Return the product of a step, both from 1."""
+        return 1
+
     def supply(self) -> str:
         """Return a description of the supply."""
         ...

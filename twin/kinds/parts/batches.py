@@ -1,0 +1,139 @@
+"""Batches of machines with capacity: which steps are one run, and the order of the steps of products around it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+
+from twin.kinds.parts.section import PartsSection, StepSection
+
+Run = tuple[str, int]
+"""Steps of one process that follow each other in a product: the process, and which of its runs."""
+
+
+def batch_sizes(section: PartsSection) -> dict[str, int]:
+    """Return the number of parts in a batch, by process; nothing without a machine for several."""
+    return {
+        name: section.machines[process.machine].capacity
+        for name, process in section.processes.items()
+        if process.machine in section.machines
+        and section.machines[process.machine].capacity > 1
+    }
+
+
+def order_in_batches(
+    products: Sequence[Sequence[StepSection]], sizes: Mapping[str, int]
+) -> list[tuple[tuple[int, int], ...]]:
+    """Return the steps of all products in the order in which they are done; the steps of a batch are one entry.
+
+    Products are advanced one after another. One whose step joins a batch waits until that is full; products that
+    waited come before those after them. When nothing can be done otherwise, the batch of the earliest step begins as
+    it is.
+
+    Args:
+        products: steps of each product in their order.
+        sizes: number of parts in a full batch, by process.
+
+    Returns:
+        Of each entry, the product and the step within it, both from 0; of a batch, those of each of its parts.
+    """
+    if not sizes:
+        return [
+            ((k, n),) for k, steps in enumerate(products) for n in range(len(steps))
+        ]
+    runs = [list(_runs(steps, sizes)) for steps in products]
+    done, waits = [0] * len(products), dict[int, Run]()
+    waiting: dict[Run, list[tuple[int, int]]] = {}
+    found: list[tuple[tuple[int, int], ...]] = []
+
+    def begin(run: Run) -> None:
+        batch = waiting.pop(run)
+        found.append(tuple(batch))
+        for product, _ in batch:
+            waits.pop(product, None)
+
+    first = 0
+    while True:
+        while first < len(products) and done[first] == len(products[first]):
+            first += 1
+        movable = (
+            k
+            for k in range(first, len(products))
+            if done[k] < len(products[k])
+            and (k not in waits or waits[k] == runs[k][done[k]])
+        )
+        product = next(movable, None)
+        if product is None and not waiting:
+            return found
+        if product is None:
+            begin(min(waiting, key=lambda run: waiting[run][0][1]))
+            continue
+        step, run = done[product], runs[product][done[product]]
+        done[product] += 1
+        if run is None:
+            found.append(((product, step),))
+            continue
+        waits[product] = run
+        waiting.setdefault(run, []).append((product, step))
+        if len(waiting[run]) == sizes[run[0]]:
+            begin(run)
+
+
+def _runs(
+    steps: Sequence[StepSection], sizes: Mapping[str, int]
+) -> Iterator[Run | None]:
+    """Yield the run of each step, None for those that are in no batch.
+
+    A part that is processed again, and a step that comes after another one of the run, begin a new run.
+    """
+    number = 0
+    process: str | None = None
+    parts, names = set[str](), set[str]()
+    for step in steps:
+        part = None if step.at is None else step.at.part
+        if step.process not in sizes or part is None:
+            process = None
+            yield None
+            continue
+        after = {own.step for own in step.follows}
+        if step.process != process or part in parts or after & names:
+            process, parts, names, number = step.process, set(), set(), number + 1
+        parts.add(part)
+        names |= {step.name} if step.name else set()
+        yield step.process, number
+
+
+def batch_shares(
+    steps: Sequence[StepSection], sizes: Mapping[str, int]
+) -> list[tuple[int, int]]:
+    """Return the size of a full batch of each run in a product, and how many of its steps are in the run."""
+    runs = Counter(run for run in _runs(steps, sizes) if run is not None)
+    return [(sizes[run[0]], number) for run, number in runs.items()]
+
+
+def batch_names(groups: Sequence[Sequence[StepSection]]) -> dict[str | None, str]:
+    """Return the name of the batch, which is the first one of its steps, by the others."""
+    found: dict[str | None, str] = {}
+    for group in groups:
+        known = [step.name for step in group if step.name]
+        found.update((name, known[0]) for name in known[1:])
+    return found
+
+
+def merged_batches(
+    groups: Sequence[Sequence[StepSection]], names: Mapping[str | None, str]
+) -> tuple[StepSection, ...]:
+    """Return the steps, one for each batch, with the names of batches; see ``batch_names``."""
+
+    def merged(group: Sequence[StepSection]) -> StepSection:
+        after = [own for step in group for own in step.follows]
+        if len(group) == 1 and not names:
+            return group[0]
+        own = (x.model_copy(update={"step": names.get(x.step, x.step)}) for x in after)
+        first = group[0]
+        name = next((step.name for step in group if step.name), None)
+        until = names.get(first.until, first.until)
+        update = {"after": tuple(own), "name": name, "until": until}
+        return first.model_copy(update=update)
+
+    return tuple(merged(group) for group in groups)
