@@ -30,6 +30,7 @@ from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operations.operated import STACK, operated, planned
 from tests.twin.operations.reworked import REWORKED
+from tests.twin.scenarios.ovens import OVEN
 from twin.operations.operation import Operation
 from twin.runs.events import Event
 from twin.runs.trajectory import object_placements
@@ -98,6 +99,7 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
             "window": {"steps": 5, "least": 2},
         },
     ),
+    "oven": (lambda: OVEN, {}),
     "truss": (lambda: _shipped("assembly/truss"), {}),
     "tower": (
         lambda: _shipped("construction/tower"),

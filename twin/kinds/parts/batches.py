@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
+from twin.document.validation import Problems
+from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.section import PartsSection, StepSection
 
 Run = tuple[str, int]
@@ -41,7 +43,7 @@ def order_in_batches(
         return [
             ((k, n),) for k, steps in enumerate(products) for n in range(len(steps))
         ]
-    runs = [list(_runs(steps, sizes)) for steps in products]
+    runs: list[list[Run | None]] = [list(_runs(own, sizes)) for own in products]
     done, waits = [0] * len(products), dict[int, Run]()
     waiting: dict[Run, list[tuple[int, int]]] = {}
     found: list[tuple[tuple[int, int], ...]] = []
@@ -100,7 +102,7 @@ def _runs(
             process, parts, names, number = step.process, set(), set(), number + 1
         parts.add(part)
         names |= {step.name} if step.name else set()
-        yield step.process, number
+        yield step.process or "", number
 
 
 def batch_shares(
@@ -118,6 +120,46 @@ def batch_names(groups: Sequence[Sequence[StepSection]]) -> dict[str | None, str
         known = [step.name for step in group if step.name]
         found.update((name, known[0]) for name in known[1:])
     return found
+
+
+def batch_problems(section: PartsSection) -> Problems:
+    """Yield batches that cannot be: without an order, with spare products, or with fewer places than parts."""
+    sizes, products = batch_sizes(section), section.products
+    at: KeyPath
+    for k, step in enumerate(section.steps):
+        if step.at is not None and step.at.grid is not None:
+            at = ("assembly", "steps", k, "at", "grid")
+            if products is None or step.place is None:
+                words = "the places of a grid are taken by one product after another"
+                yield at, f"{words}: give products, and place, or leave grid out"
+    machines = {section.processes[name].machine or "": name for name in sizes}
+    for machine, name in machines.items():
+        at = ("assembly", "machines", machine, "capacity")
+        words = f"{machine} works at {sizes[name]} parts together"
+        if section.order == "find":
+            yield at, f"{words}, in the order of the steps: leave order out"
+        if products is not None and products.spare:
+            where = ("assembly", "products", "spare")
+            yield where, f"{words}: leave spare out, or write capacity: 1"
+    if products is None:
+        return
+    lies: dict[str, int] = {}
+    of_run = Counter(run for run in _runs(section.steps, sizes) if run is not None)
+    for step, run in zip(section.steps, _runs(section.steps, sizes), strict=True):
+        if step.place is not None:
+            grid = products.places if step.at is None else step.at.grid
+            lies[step.place] = 1 if grid is None else grid.size
+        elif run is not None and step.at is not None and step.at.part is not None:
+            part, size = step.at.part, sizes[run[0]]
+            there, needed = lies.get(part, 1), -(-size // of_run[run])
+            if there < min(needed, products.count):
+                machine = section.processes[run[0]].machine or ""
+                yield (
+                    ("assembly", "machines", machine, "capacity"),
+                    f"{machine} works at {size} parts together, and {part} has {there} of {needed} places: give the"
+                    f" step that puts it there at: {{grid: {{counts: [{needed}, 1], ..}}}}, or write capacity:"
+                    f" {there * of_run[run]}",
+                )
 
 
 def merged_batches(
