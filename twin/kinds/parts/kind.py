@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,7 @@ from twin.kinds.parts.alike import (
     listed_steps,
     with_named_parts,
 )
-from twin.kinds.parts.batches import batch_shares, batch_sizes
+from twin.kinds.parts.batches import batch_sizes, order_in_batches
 from twin.kinds.parts.line import Line, machine_durations, write_out_line
 from twin.kinds.parts.problems import (
     disturbed_machines,
@@ -76,27 +77,51 @@ class PartKind(AssemblyKind):
 
     def steps(self) -> int:
         """Return the number of steps, of one product or of all."""
-        count, products = len(listed_steps(self.section)), self.products()
-        if not self.whole:
-            return count
-        sizes = batch_sizes(self.section)
-        saved = (
-            products * number + -products * number // size
-            for size, number in batch_shares(self.section.steps, sizes)
-        )
-        return count * products - sum(saved)
-
-    def product_of(self, step: int) -> int:
-        """Return the product of a step of all products, both from 1; of a batch, that of its last part."""
-        pattern = write_out_line(self.section)
-        copy, own = divmod(step - 1, len(pattern.origins))
-        return pattern.origins[own][0] + copy * pattern.period
+        ends = self.product_ends()
+        return ends[-1] if self.whole or self.variants() else ends[0]
 
     def wanted_steps(self) -> int:
         """Return the number of steps without those of spare products."""
         products = self.section.products
-        spare = products.spare if products and self.whole else 0
-        return self.steps() - spare * len(listed_steps(self.section))
+        if products is None or not self.whole:
+            return self.steps()
+        return self.product_ends()[min(products.count, len(self.product_ends())) - 1]
+
+    def product_ends(self) -> Sequence[int]:
+        """Return the number of the last step of each product; of all together where batches interleave them."""
+        if self._order:
+            return (len(self._order),)
+        steps = {k: self.section.steps_of(k) for k in self.variants()}
+        if steps:
+            return list(accumulate(len(steps[k]) for k in self.variants()))
+        count = len(listed_steps(self.section))
+        return range(count, count * self.products() + 1, count)
+
+    def product_of(self, step: int) -> int:
+        """Return the product of a step of all products, both from 1; of a batch, that of its last part."""
+        return (
+            self._order[step - 1][-1][0] + 1
+            if self._order
+            else super().product_of(step)
+        )
+
+    @cached_property
+    def _order(self) -> Sequence[Sequence[tuple[int, int]]]:
+        """Products and their steps, from 0, in the order in which they are done; empty without batches."""
+        if not (sizes := batch_sizes(self.section)):
+            return ()
+        section, variants = self.section, self.variants() or [""] * self.products()
+        own = {
+            k: [section.steps[n] for n in listed_steps(section) if n in there]
+            for k in {*variants}
+            for there in [{*section.steps_of(k)}]
+        }
+        return order_in_batches([own[k] for k in variants], sizes)
+
+    def variants(self) -> tuple[str, ...]:
+        """Return the variant of each product, spare ones included if expanded; empty without variants."""
+        products = self.section.products
+        return () if products is None else products.sequence(self.products())
 
     def products(self) -> int:
         """Return the number of products, spare ones included if expanded."""
@@ -228,10 +253,7 @@ class PartKind(AssemblyKind):
         else:
             with watch.stage("assignment", ASSIGNMENT):
                 work = lazy_part_work(cell, assembly)
-        period = len(listed_steps(self.section))
-        if batch_sizes(self.section):
-            period = len(write_out_line(self.section).origins)
-        return replace(work, product=period, spare_steps=spare)
+        return replace(work, product_ends=self.product_ends(), spare_steps=spare)
 
     def assembly(self, cell: Workcell, watch: StageWatch) -> PartWork:
         """Return the assembly with all candidates; the stage is assignment."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import product as product_of
 from typing import TypeVar
 
 import numpy as np
@@ -73,18 +72,18 @@ def machine_jobs(
 
     Args:
         section: with the steps of all products that are written out.
-        products: the product of each step.
+        products: the product of each step, from 1.
         batches: the parts of batches, by step number.
     """
     uses = Counter(step.process for step in section.steps if step.process)
     found: dict[int, MachineJob] = {}
     counted: Counter[tuple[str, int]] = Counter()
-    for number, step in enumerate(section.steps, start=1):
+    steps = zip(section.steps, products, strict=True)
+    for number, (step, product) in enumerate(steps, start=1):
         name = step.process or ""
         process = section.processes.get(name)
         if process is None or not process.without_robot:
             continue
-        product = products[number - 1]
         machine, door, part = process.machine, None, None
         if machine is None:
             counted[name, 0] += 1
@@ -113,9 +112,10 @@ class Line:
         later: parts that are not there at the start.
         products: how many there are to be.
         period: how many are written out.
+        origins: of each step its product, from 1, and its index among the steps of the section that was expanded,
+            from 0; of a batch, those of its last part.
         numbers: part and product by name of a numbered part.
         jobs: jobs of steps without robots, by step number from 1.
-        origins: product of each step, from 1, and step of that product, from 0; of a batch, the last ones.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
     """
 
@@ -124,9 +124,9 @@ class Line:
     later: frozenset[str] = frozenset()
     products: int = 1
     period: int = 1
+    origins: tuple[tuple[int, int], ...] = ()
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
-    origins: tuple[tuple[int, int], ...] = ()
     alike: tuple[AlikeParts, ...] = ()
 
     @cached_property
@@ -171,7 +171,7 @@ def write_out_line(section: PartsSection, *, whole: bool = False) -> Line:
     else:
         origins = tuple((1, k) for k in range(len(named.steps)))
         jobs = machine_jobs(named, [1] * len(origins), {})
-        line = Line(named, jobs=jobs, origins=origins)
+        line = Line(named, origins=origins, jobs=jobs)
     return line if named is section else replace(line, alike=alike_parts(section))
 
 
@@ -232,26 +232,36 @@ class _Writer:
         self.products = 1 if products is None else products.count
         if whole and products is not None:
             self.products += products.spare
+        self.sequence = products.sequence(self.products) if products else ()
+        self.own = {
+            variant: section.of_variant(variant) for variant in {*self.sequence, ""}
+        }
         self.slots = {
             name: source_places(item) for name, item in section.sources.items()
         }
         grid = None if products is None else products.places
         self.places = [translation(0.0, 0.0, 0.0)] if grid is None else grid.places()
-        self.sizes = batch_sizes(section)
-        unit = self._period()
-        self.period = self.products if whole else unit
-        order = order_in_batches([section.steps] * unit, self.sizes)
+        every = whole or bool(self.sequence)
+        self.period = self.products if every else self._period()
+        own = [self._of(k).steps for k in range(1, self.period + 1)]
         self.order = [
-            tuple((first + product, step) for product, step in group)
-            for first in range(1, self.period + 1, unit)
-            for group in order
-            if first + group[0][0] <= self.period
+            [(k + 1, n) for k, n in group]
+            for group in order_in_batches(own, batch_sizes(section))
         ]
-        self.number = {
-            own: number for number, group in enumerate(self.order, 1) for own in group
-        }
-        self.taken = self._taken_parts()
+        self.number = {k: n for n, group in enumerate(self.order, 1) for k in group}
         self.renamed: dict[str | None, str] = {}
+
+    def _variant(self, product: int) -> str:
+        return self.sequence[product - 1] if self.sequence else ""
+
+    def _of(self, product: int) -> PartsSection:
+        """Return the section with the steps of a product."""
+        return self.own[self._variant(product)]
+
+    def _names(self, source: str, product: int) -> list[str]:
+        """Return the parts of a product that come from a source, in the order in which they are taken."""
+        taken = self._of(product).taken
+        return [name for name in taken if self.parts[name].source == source]
 
     def line(self) -> Line:
         handled = set(self.section.placed)
@@ -260,13 +270,9 @@ class _Writer:
         refills: dict[int, Refill] = {}
         numbers: dict[str, tuple[str, int]] = {}
         sourced: list[str] = []
-        for source, names in self.taken.items():
-            if not names:
-                continue
-            size = len(self.slots[source])
-            # The parts of the pattern, and those that fill the source at its end.
-            for q in range(min(len(names) + size, self._supplied(names))):
-                part, product = self._taken_at(names, q)
+        for source in self.section.sources:
+            size, taken = len(self.slots[source]), self._taken(source)
+            for q, (part, product) in enumerate(taken):
                 name = self._name(part, product)
                 parts.append(self._part(part, product, self.slots[source][q % size]))
                 if self.section.products is not None:
@@ -275,18 +281,25 @@ class _Writer:
                 if q >= size:
                     later.add(name)
                 if q >= size and q % size == 0:
-                    refills[self._taken_in(names[q - 1])] = self._refill(source, q)
+                    refills[self._taken_in(*taken[q - 1])] = self._refill(
+                        source, taken[q : q + size]
+                    )
         for name in self.section.placed:
             if self.parts[name].source is None:
                 parts.append(self._part(name, 1, None))
         steps, batches = self._steps()
-        origins = tuple(group[-1] for group in self.order)
+        origins = tuple(
+            (product, self.section.steps_of(self._variant(product))[k])
+            for *_, (product, k) in self.order
+        )
         section = self.section.model_copy(
             update={
                 "parts": tuple(parts),
                 "steps": steps,
                 "joined": tuple(self._joined()),
-                "fits": tuple(fit for fit, _ in self._of_products(self.section.fits)),
+                "fits": tuple(
+                    fit for fit, _ in self._of_products(lambda own: own.fits)
+                ),
             }
         )
         jobs = machine_jobs(section, [product for product, _ in origins], batches)
@@ -305,9 +318,9 @@ class _Writer:
             frozenset(later),
             self.products,
             self.period,
+            origins,
             numbers,
             jobs,
-            origins,
         )
 
     def _period(self) -> int:
@@ -315,47 +328,45 @@ class _Writer:
 
         It is all of them where the last batch is smaller than the others.
         """
-        taken = Counter(self.parts[name].source for name in self.section.taken)
-        sizes = [(len(self.slots[k]), n) for k, n in taken.items() if k is not None]
-        sizes += batch_shares(self.section.steps, self.sizes)
-        places = [step.at.grid for step in self.section.steps if step.at]
-        sizes += [(grid.size, 1) for grid in places if grid]
-        shares = [size // math.gcd(size, number) for size, number in sizes]
-        period = math.lcm(len(self.places), *shares)
-        if self.sizes and self.products % period:
+        shares = [(len(own), len(self._names(k, 1))) for k, own in self.slots.items()]
+        grids = (step.at.grid for step in self.section.steps if step.at)
+        shares += [(grid.size, 1) for grid in grids if grid]
+        batches = batch_shares(self.section.steps, batch_sizes(self.section))
+        periods = (n // math.gcd(n, own) for n, own in [*shares, *batches] if own)
+        period = math.lcm(len(self.places), *periods)
+        if batches and self.products % period:
             return self.products
         return min(period, self.products)
-
-    def _taken_parts(self) -> dict[str, list[tuple[str, int]]]:
-        """Return the parts taken from each source in the pattern, with their products, in order."""
-        found: dict[str, list[tuple[str, int]]] = {k: [] for k in self.section.sources}
-        first: set[tuple[str, int]] = set()
-        for product, k in (own for group in self.order for own in group):
-            name = self.section.steps[k].place
-            source = None if name is None else self.parts[name].source
-            if name is not None and source is not None and (name, product) not in first:
-                first.add((name, product))
-                found[source].append((name, product))
-        return found
-
-    def _supplied(self, names: Sequence[tuple[str, int]]) -> int:
-        """Return the number of parts that a source supplies to all products."""
-        return len(names) // self.period * self.products
 
     def _name(self, part: str, product: int) -> str:
         own = self.section.products is not None and part in self.section.placed
         return product_part_name(part, product) if own else part
 
-    def _taken_at(self, names: list[tuple[str, int]], q: int) -> tuple[str, int]:
-        """Return the part of a source that is taken as number q, from 0, and its product."""
-        part, product = names[q % len(names)]
-        return part, product + q // len(names) * self.period
+    def _taken(self, source: str) -> list[tuple[str, int]]:
+        """Return the parts that are taken from a source, each with its product, in their order.
 
-    def _taken_in(self, taken: tuple[str, int]) -> int:
-        """Return the step that takes a part from its source."""
-        part, product = taken
-        steps = [step.place for step in self.section.steps]
-        return self.number[product, steps.index(part)]
+        They are those of the products that are written out, and those that fill the source at their end.
+        """
+        picked = (
+            (self._of(product).steps[k].place or "", product)
+            for group in self.order
+            for product, k in group
+        )
+        first = dict.fromkeys(picked)
+        found = [own for own in first if own[0] and self.parts[own[0]].source == source]
+        size = len(self.slots[source])
+        copies = -(-size // len(found)) if found else 0
+        more = (
+            (name, product + copy * self.period)
+            for copy in range(1, copies + 1)
+            for name, product in found
+        )
+        return [*found, *[own for own in more if own[1] <= self.products][:size]]
+
+    def _taken_in(self, part: str, product: int) -> int:
+        """Return the step that takes a part of a source, from 1."""
+        steps = self._of(product).steps
+        return self.number[product, [step.place for step in steps].index(part)]
 
     def _part(self, name: str, product: int, slot: Transform | None) -> PartSection:
         part = self.parts[name]
@@ -370,13 +381,11 @@ class _Writer:
             )
         return part.model_copy(update=update)
 
-    def _refill(self, source: str, first: int) -> Refill:
-        """Return the refill of a source at a part counted from 0."""
-        names, places = self.taken[source], self.slots[source]
-        last = min(first + len(places), self._supplied(names))
+    def _refill(self, source: str, taken: Sequence[tuple[str, int]]) -> Refill:
+        """Return the refill of an empty source with parts of products."""
         parts: tuple[PlacedPart, ...] = tuple(
-            (self._name(*self._taken_at(names, q)), places[q % len(places)])
-            for q in range(first, last)
+            (self._name(*own), place)
+            for own, place in zip(taken, self.slots[source], strict=False)
         )
         section = self.section.sources[source]
         machine = feeding_machine(source, section)
@@ -386,7 +395,7 @@ class _Writer:
 
     def _leaves(self) -> Iterator[tuple[int, Leaving]]:
         """Yield leaving objects with their steps."""
-        together, steps = len(self.places), range(len(self.section.steps))
+        together = len(self.places)
         if self.section.products is None or together > self.products:
             return
         for last in range(together, self.period + 1, together):
@@ -394,9 +403,9 @@ class _Writer:
             parts = tuple(
                 (self._name(name, product), self._goal(name, product))
                 for product in products
-                for name in self.section.placed
+                for name in self._of(product).placed
             )
-            done = max(self.number[own] for own in product_of(products, steps))
+            done = max(self.number[k, len(self._of(k).steps) - 1] for k in products)
             yield done, Leaving(OUTFEED, parts)
 
     def _goal(self, name: str, product: int) -> Transform:
@@ -406,23 +415,26 @@ class _Writer:
 
     def _joined(self) -> Iterator[JoinedSection]:
         """Yield the joints of all products, with their names."""
-        for joint, product in self._of_products(self.section.joined):
+        for joint, product in self._of_products(lambda own: own.joined):
             by = joint.by
             if by is not None and self.section.products is not None:
                 by = product_part_name(by, product)
             yield joint.model_copy(update={"by": self.renamed.get(by, by)})
 
-    def _of_products(self, pairs: Sequence[Pair]) -> Iterator[tuple[Pair, int]]:
+    def _of_products(
+        self, pairs: Callable[[PartsSection], Sequence[Pair]]
+    ) -> Iterator[tuple[Pair, int]]:
         """Yield pairs with names expanded for each product and its number; others once."""
-        for product, item in product_of(range(1, self.period + 1), pairs):
-            parts = tuple(self._name(name, product) for name in item.parts)
-            if parts != item.parts or product == 1:
-                yield item.model_copy(update={"parts": parts}), product
+        for product in range(1, self.period + 1):
+            for item in pairs(self._of(product)):
+                parts = tuple(self._name(name, product) for name in item.parts)
+                if parts != item.parts or product == 1:
+                    yield item.model_copy(update={"parts": parts}), product
 
     def _steps(self) -> tuple[tuple[StepSection, ...], dict[int, tuple[str, ...]]]:
         """Return the steps of all products in their order, and the parts of batches, by step number."""
         groups = [
-            [self._step(self.section.steps[k], product) for product, k in group]
+            [self._step(self._of(product).steps[k], product) for product, k in group]
             for group in self.order
         ]
         batches = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, Self, get_args
@@ -100,10 +101,6 @@ class AssemblyKind(Protocol):
         """Return the number of first steps that are wanted as long as nothing fails and nothing else is ordered."""
         return self.steps()
 
-    def product_of(self, _step: int) -> int:
-        """Return the product of a step, both from 1."""
-        return 1
-
     def supply(self) -> str:
         """Return a description of the supply."""
         ...
@@ -153,8 +150,20 @@ class AssemblyKind(Protocol):
         return ()
 
     def products(self) -> int:
-        """Return how many products are made, each in as many steps."""
+        """Return how many products are made."""
         return 1
+
+    def product_ends(self) -> Sequence[int]:
+        """Return the number of the last step of each product."""
+        return (self.steps(),)
+
+    def product_of(self, step: int) -> int:
+        """Return the product of a step, both from 1."""
+        return bisect_left(self.product_ends(), step) + 1
+
+    def variants(self) -> tuple[str, ...]:
+        """Return the variant of each product; empty where all are equal."""
+        return ()
 
     def due(self) -> tuple[tuple[float, ...], int | None]:
         """Return when each product is due [s], and how many at the beginning do not count."""
