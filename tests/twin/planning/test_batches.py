@@ -224,8 +224,9 @@ assembly                              | says
 {machines: {oven: {capacity: 0}}}     | oven.capacity: must be at least 1, not 0
 {machines: {oven: {capacity: 1000}}}  | oven.capacity: must be at most 100, not 1000
 {machines: {oven: {capacity: 2.5}}}   | oven.capacity: a whole number expected
-{machines: {oven: {capacity: 4}}}     | oven works at 4 parts together, and blank has 2 of 4 places.*capacity: 2
-{products: {spare: 2}}                | together: leave spare out, or write capacity: 1
+{machines: {oven: {capacity: 4}}}     | blank has 2 of 4 places.*capacity: 2
+{products: {count: 1001}}             | in whole batches: write 1000 or 1002
+{products: {spare: 2}}                | no batch is spare: leave spare out, or write capacity: 1
 {products: null, order: find}         | in the order of the steps: leave order out
 {products: null}                      | one product after another: give products
 {steps: [{place: blank, at: {fixture: rack, grid: {counts: [0, 1], pitch_m: [0.1, 0]}}}]} | at.grid.counts\[0\]: must be at least 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -11,6 +12,9 @@ from twin.kinds.parts.section import PartsSection, StepSection
 
 Run = tuple[str, int]
 """Steps of one process that follow each other in a product: the process, and which of its runs."""
+
+MOST_UNEVEN = 500
+"""Most products that are planned one by one, as the last batch is smaller than the others."""
 
 
 def batch_sizes(section: PartsSection) -> dict[str, int]:
@@ -105,12 +109,11 @@ def _runs(
         yield step.process or "", number
 
 
-def batch_shares(
-    steps: Sequence[StepSection], sizes: Mapping[str, int]
-) -> list[tuple[int, int]]:
-    """Return the size of a full batch of each run in a product, and how many of its steps are in the run."""
-    runs = Counter(run for run in _runs(steps, sizes) if run is not None)
-    return [(sizes[run[0]], number) for run, number in runs.items()]
+def batch_unit(section: PartsSection) -> int:
+    """Return the number of products after which all batches have been full."""
+    sizes = batch_sizes(section)
+    runs = Counter(run for run in _runs(section.steps, sizes) if run is not None)
+    return math.lcm(*(sizes[k] // math.gcd(sizes[k], n) for (k, _), n in runs.items()))
 
 
 def batch_names(groups: Sequence[Sequence[StepSection]]) -> dict[str | None, str]:
@@ -125,41 +128,41 @@ def batch_names(groups: Sequence[Sequence[StepSection]]) -> dict[str | None, str
 def batch_problems(section: PartsSection) -> Problems:
     """Yield batches that cannot be: without an order, with spare products, or with fewer places than parts."""
     sizes, products = batch_sizes(section), section.products
-    at: KeyPath
-    for k, step in enumerate(section.steps):
-        if step.at is not None and step.at.grid is not None:
-            at = ("assembly", "steps", k, "at", "grid")
-            if products is None or step.place is None:
-                words = "the places of a grid are taken by one product after another"
-                yield at, f"{words}: give products, and place, or leave grid out"
-    machines = {section.processes[name].machine or "": name for name in sizes}
-    for machine, name in machines.items():
-        at = ("assembly", "machines", machine, "capacity")
-        words = f"{machine} works at {sizes[name]} parts together"
+    runs = list(_runs(section.steps, sizes))
+    of_run, lies = Counter(runs), dict[str, int]()
+    for k, (step, run) in enumerate(zip(section.steps, runs, strict=True)):
+        grid = products and (step.at.grid if step.at else products.places)
+        if step.at and step.at.grid and (products is None or step.place is None):
+            words = "the places of a grid are taken by one product after another"
+            at: KeyPath = ("assembly", "steps", k, "at", "grid")
+            yield at, f"{words}: give products, and place, or leave grid out"
+        lies[step.place or ""] = grid.size if grid else 1
+        if run is None or step.at is None or products is None:
+            continue
+        part, needed = step.at.part or "", -(-sizes[run[0]] // of_run[run])
+        if lies.get(part, 1) < min(needed, products.count):
+            yield (
+                _capacity(section, run[0]),
+                f"{part} has {lies.get(part, 1)} of {needed} places for this: give the step that puts it there"
+                f" at: {{grid: {{counts: [{needed}, 1], ..}}}}, or write capacity: {lies.get(part, 1) * of_run[run]}",
+            )
+    for name in sizes:
         if section.order == "find":
-            yield at, f"{words}, in the order of the steps: leave order out"
-        if products is not None and products.spare:
+            words = "batches are in the order of the steps: leave order out"
+            yield _capacity(section, name), words
+        if products and products.spare:
             where = ("assembly", "products", "spare")
-            yield where, f"{words}: leave spare out, or write capacity: 1"
-    if products is None:
-        return
-    lies: dict[str, int] = {}
-    of_run = Counter(run for run in _runs(section.steps, sizes) if run is not None)
-    for step, run in zip(section.steps, _runs(section.steps, sizes), strict=True):
-        if step.place is not None:
-            grid = products.places if step.at is None else step.at.grid
-            lies[step.place] = 1 if grid is None else grid.size
-        elif run is not None and step.at is not None and step.at.part is not None:
-            part, size = step.at.part, sizes[run[0]]
-            there, needed = lies.get(part, 1), -(-size // of_run[run])
-            if there < min(needed, products.count):
-                machine = section.processes[run[0]].machine or ""
-                yield (
-                    ("assembly", "machines", machine, "capacity"),
-                    f"{machine} works at {size} parts together, and {part} has {there} of {needed} places: give the"
-                    f" step that puts it there at: {{grid: {{counts: [{needed}, 1], ..}}}}, or write capacity:"
-                    f" {there * of_run[run]}",
-                )
+            yield where, "no batch is spare: leave spare out, or write capacity: 1"
+    unit = batch_unit(section)
+    if products and products.count > MOST_UNEVEN and products.count % unit:
+        whole = products.count // unit * unit
+        words = f"more than {MOST_UNEVEN} products are made in whole batches: write {whole} or {whole + unit}"
+        yield ("assembly", "products", "count"), words
+
+
+def _capacity(section: PartsSection, process: str) -> KeyPath:
+    machine = section.processes[process].machine or ""
+    return "assembly", "machines", machine, "capacity"
 
 
 def merged_batches(

@@ -99,11 +99,8 @@ class PartKind(AssemblyKind):
 
     def product_of(self, step: int) -> int:
         """Return the product of a step of all products, both from 1; of a batch, that of its last part."""
-        return (
-            self._order[step - 1][-1][0] + 1
-            if self._order
-            else super().product_of(step)
-        )
+        order = self._order
+        return order[step - 1][-1][0] + 1 if order else super().product_of(step)
 
     @cached_property
     def _order(self) -> Sequence[Sequence[tuple[int, int]]]:

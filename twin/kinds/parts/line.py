@@ -22,8 +22,8 @@ from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
 from twin.kinds.parts.batches import (
     batch_names,
-    batch_shares,
     batch_sizes,
+    batch_unit,
     merged_batches,
     order_in_batches,
 )
@@ -331,11 +331,11 @@ class _Writer:
         shares = [(len(own), len(self._names(k, 1))) for k, own in self.slots.items()]
         grids = (step.at.grid for step in self.section.steps if step.at)
         shares += [(grid.size, 1) for grid in grids if grid]
-        batches = batch_shares(self.section.steps, batch_sizes(self.section))
-        periods = (n // math.gcd(n, own) for n, own in [*shares, *batches] if own)
-        period = math.lcm(len(self.places), *periods)
-        if batches and self.products % period:
+        batches = batch_unit(self.section)
+        if self.products % batches:
             return self.products
+        periods = (n // math.gcd(n, own) for n, own in shares if own)
+        period = math.lcm(len(self.places), batches, *periods)
         return min(period, self.products)
 
     def _name(self, part: str, product: int) -> str:
