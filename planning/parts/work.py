@@ -7,13 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from planning.cell.workcell import Workcell
-from planning.parts.assembly import (
-    AnyStep,
-    MachineWork,
-    PartAssembly,
-    PlacePart,
-    Work,
-)
+from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.candidates import LazyCandidates, PartCandidates
 from planning.parts.expansion import step_tasks
 from planning.parts.spares import with_spares
@@ -114,7 +108,8 @@ def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:
     steps = assembly.steps
     own: dict[str, list[int]] = {}
     for number, step in enumerate(steps, start=1):
-        if isinstance(step, Work) or _is_batch(step):
+        batch = isinstance(step, MachineWork) and len(step.parts) > 1
+        if isinstance(step, Work) or batch:
             continue  # what is done at a part that does not move on, or without it
         own.setdefault(step.part, []).append(number)
     return {
@@ -124,15 +119,11 @@ def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:
     }
 
 
-def _is_batch(step: AnyStep) -> bool:
-    return isinstance(step, MachineWork) and len(step.parts) > 1
-
-
 def _after_batches(assembly: PartAssembly) -> Iterator[tuple[int, int]]:
     """Yield batches, each with the steps that move its parts on, from 1."""
     batch: dict[str, int] = {}
     for number, step in enumerate(assembly.steps, start=1):
-        if isinstance(step, MachineWork) and _is_batch(step):
+        if isinstance(step, MachineWork) and len(step.parts) > 1:
             batch.update(dict.fromkeys(step.parts, number))
         elif isinstance(step, PlacePart) and step.part in batch:
             yield batch.pop(step.part), number

@@ -30,6 +30,7 @@ from twin.kinds.parts.batches import order_in_batches
 from twin.kinds.parts.built import assembly_of
 from twin.kinds.parts.line import write_out_line
 from twin.kinds.parts.section import PartsSection, StepSection
+from twin.kinds.parts.sources import ProductsSection
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
@@ -217,6 +218,42 @@ steps:
     ]
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    orders=st.lists(
+        st.tuples(
+            st.integers(1, 4),
+            st.sampled_from("ab"),
+            st.integers(-2, 2),
+            st.integers(0, 9),
+        ),
+        min_size=1,
+        max_size=6,
+    )
+)
+def test_orders_of_high_priority_come_first_then_those_due_first(
+    orders: list[tuple[int, str, int, int]],
+) -> None:
+    keys = ("count", "variant", "priority", "due_s")
+    count = sum(own[0] for own in orders)
+    own = ProductsSection.model_validate(
+        {
+            "count": count,
+            "variants": {"a": {}, "b": {}},
+            "orders": tuple(dict(zip(keys, one, strict=True)) for one in orders),
+        }
+    )
+    left = [
+        (-priority, due, k, v)
+        for k, (n, v, priority, due) in enumerate(orders)
+        for _ in range(n)
+    ]
+    for variant, due in zip(own.sequence(count), own.due_s(), strict=True):
+        first = min(left)
+        left.remove(first)
+        assert (variant, due) == (first[3], first[1])
+
+
 @pytest.mark.parametrize(
     ("assembly", "message"),
     rows(r"""
@@ -232,6 +269,12 @@ assembly                              | says
 {steps: [{place: blank, at: {fixture: rack, grid: {counts: [0, 1], pitch_m: [0.1, 0]}}}]} | at.grid.counts\[0\]: must be at least 1
 {steps: [{place: blank, at: {fixture: rack, frame: nest}}, {process: baking, at: {part: blank}}, blank]} | blank has 1 of 2 places
 {processes: {baking: {unattended: true}}} | processes.baking: .*not both
+{products: {orders: [{count: 3}]}}    | products: orders are of 3 products: write count: 3
+{products: {orders: [{count: 4, variant: a}]}} | the variant of each of the orders must be none
+{products: {orders: [{count: 3, due_s: 5}, {count: 1}]}} | give due_s for each of the orders, or for none
+{products: {orders: [{count: 4, due_s: 5}], due: {first_s: 1, every_s: 1}}} | give due_s for each of the orders
+{products: {orders: [{count: 4}], variants: {a: 1}}} | must be one of a
+{products: {orders: [{count: 4, priority: 1000}]}} | orders\[0\].priority: must be at most 100, not 1000
 """),
 )
 def test_batches_that_cannot_be_are_refused(
