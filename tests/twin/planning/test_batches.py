@@ -273,6 +273,8 @@ assembly                              | says
 {products: {orders: [{count: 4, variant: a}]}} | the variant of each of the orders must be none
 {products: {orders: [{count: 3, due_s: 5}, {count: 1}]}} | give due_s for each of the orders, or for none
 {products: {orders: [{count: 4, due_s: 5}], due: {first_s: 1, every_s: 1}}} | give due_s for each of the orders
+{products: {orders: [{count: 4, variant: a}], variants: {a: {}}, order: [a]}} | and neither order nor due
+{changeovers: [{machine: oven, duration: 5}]} | products of a batch alternate: leave changeovers out
 {products: {orders: [{count: 4}], variants: {a: 1}}} | must be one of a
 {products: {orders: [{count: 4, priority: 1000}]}} | orders\[0\].priority: must be at most 100, not 1000
 """),

@@ -153,6 +153,11 @@ def batch_problems(section: PartsSection) -> Problems:
         if products and products.spare:
             where = ("assembly", "products", "spare")
             yield where, "no batch is spare: leave spare out, or write capacity: 1"
+    if sizes and section.changeovers:
+        words = (
+            "products of a batch alternate: leave changeovers out, or write capacity: 1"
+        )
+        yield ("assembly", "changeovers"), words
     unit = batch_unit(section)
     if products and products.count > MOST_UNEVEN and products.count % unit:
         whole = products.count // unit * unit
