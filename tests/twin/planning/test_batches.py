@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import heapq
+import json
 from collections import defaultdict
 from collections.abc import Sequence
 from itertools import pairwise
@@ -25,6 +26,7 @@ from tests.twin.operations.random_operations import problems_of
 from tests.twin.scenarios.executed import executed
 from tests.twin.scenarios.ovens import OVEN
 from tests.twin.written import loaded
+from twin.audits.run_auditor import audit_execution
 from twin.document.validation import InvalidScenarioError
 from twin.kinds.parts.batches import order_in_batches
 from twin.kinds.parts.built import assembly_of
@@ -284,6 +286,24 @@ def test_batches_that_cannot_be_are_refused(
 ) -> None:
     with pytest.raises(InvalidScenarioError, match=message):
         varied(tmp_path, assembly)
+
+
+@pytest.mark.nightly
+def test_the_audit_looks_at_every_part_of_a_batch(
+    plan: PlanResult, tmp_path: Path
+) -> None:
+    own, run = plan.scenario.sections, tmp_path / "run"
+    executed(own, plan.tpg, run)
+    log = run / "events.jsonl"
+    events = [json.loads(line) for line in log.read_text().splitlines()]
+    for event in events:
+        if event.get("robot") == "oven" and event["kind"] == "completed":
+            event["t_s"] += 60.0
+    log.write_text("".join(json.dumps(event) + "\n" for event in events))
+    report = audit_execution(own, run, ordered=True, finished=True)
+    words = [v.detail for v in report.violations if v.kind == "process"]
+    for k in range(1, 5):
+        assert any(f"and blank.{k} lies there from" in own for own in words)
 
 
 @pytest.mark.nightly
