@@ -19,12 +19,9 @@ MOST_UNEVEN = 500
 
 def batch_sizes(section: PartsSection) -> dict[str, int]:
     """Return the number of parts in a batch, by process; nothing without a machine for several."""
-    return {
-        name: section.machines[process.machine].capacity
-        for name, process in section.processes.items()
-        if process.machine in section.machines
-        and section.machines[process.machine].capacity > 1
-    }
+    several = {k: own.capacity for k, own in section.machines.items()}
+    found = {k: several.get(p.machine or "", 1) for k, p in section.processes.items()}
+    return {name: size for name, size in found.items() if size > 1}
 
 
 def order_in_batches(

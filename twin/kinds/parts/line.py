@@ -256,7 +256,6 @@ class _Writer:
         ]
         self.number = {k: n for n, group in enumerate(self.order, 1) for k in group}
         self.ends = [self.number[k, len(n) - 1] for k, n in enumerate(own, 1)]
-        self.renamed: dict[str | None, str] = {}
 
     def _variant(self, product: int) -> str:
         return self.sequence[product - 1] if self.sequence else ""
