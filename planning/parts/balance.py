@@ -99,7 +99,8 @@ class PartBalance:
             if not isinstance(step, PartStep) or step.step.stop is None:
                 continue
             body = body_at(step.part, step.place)
-            alone = StabilityChecker({body.name: body}, ground, self._rules)
+            others = {name: own for name, own in ground.items() if name != body.name}
+            alone = StabilityChecker({body.name: body}, others, self._rules)
             if alone.falling([body.name]) is not None:
                 raise InfeasibleStepError(
                     f"step {k + 1} ({step.step.words}): {body.name} would not stand there on"

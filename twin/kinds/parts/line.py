@@ -486,7 +486,9 @@ class _Writer:
             update["at"] = step.at.model_copy(update={"part": part})
         if step.at is not None and (grid := step.at.grid) is not None:
             pose = np.eye(4) if step.at.pose is None else step.at.pose.transform()
-            place = PoseSection.of(pose @ grid.places()[(product - 1) % grid.size])
+            before = self.sequence[: product - 1] or [""] * (product - 1)
+            turn = sum(own in (step.variants or before) for own in before) % grid.size
+            place = PoseSection.of(pose @ grid.places()[turn])
             update["at"] = step.at.model_copy(update={"pose": place, "grid": None})
         return step.model_copy(update=update)
 
