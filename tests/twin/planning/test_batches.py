@@ -131,8 +131,9 @@ def test_every_step_is_done_once_in_order_and_batches_hold(
             a, b = number[product, k], number[product, k + 1]
             assert a < b or (a == b and first.process == then.process and first != then)
     for group in order:
-        kinds = {steps[product][k].process for product, k in group}
-        parts = [(p, steps[p][k].at and steps[p][k].at.part) for p, k in group]
+        kinds = {steps[product][k].process or "" for product, k in group}
+        places = [(product, steps[product][k].at) for product, k in group]
+        parts = [(product, at and at.part) for product, at in places]
         assert len(kinds) == 1
         assert len(group) == 1 or len(parts) == len({*parts}) <= capacity[kinds.pop()]
 
@@ -158,9 +159,9 @@ def test_an_oven_is_shut_for_both_parts(plan: PlanResult, tmp_path: Path) -> Non
             spans[task.kind, task.object].append(span)
     runs = [*spans["baking", "blank.1"], *spans["baking", "blank.3"]]
     for k in range(1, 5):
-        begin, end = runs[(k - 1) // 2]
-        assert spans["place-down", f"blank.{k}"][0][1] <= begin
-        assert end <= spans["pick", f"blank.{k}"][1][0]
+        begins, ends = runs[(k - 1) // 2]
+        assert spans["place-down", f"blank.{k}"][0][1] <= begins
+        assert ends <= spans["pick", f"blank.{k}"][1][0]
     door = [h for h in tpg.handlings if h.object.startswith("oven.door")]
     shut = {h.object for h in door if h.holder is None}
     assert shut == {h.object for h in door if h.holder == Handling.GONE}
@@ -190,6 +191,24 @@ def test_the_last_batch_is_smaller(tmp_path: Path) -> None:
     ]
     assert kind.steps() == len(found) == 8
     assert [kind.product_of(k) for k in range(1, 9)] == [1, 2, 2, 1, 2, 3, 3, 3]
+
+
+def test_only_products_of_a_variant_are_baked_and_take_places(tmp_path: Path) -> None:
+    own = varied(
+        tmp_path, "products: {count: 5, variants: {a: {}, b: {}}, order: [a, b]}"
+    )
+    assert isinstance(own.assembly, PartsSection)
+    load, bake, unload = own.assembly.steps
+    only = {"variants": ("a",)}
+    section = own.assembly.changed(
+        steps=(load.changed(**only), bake.changed(**only), unload)
+    )
+    line = write_out_line(section)
+    assert [k for k, _ in line.origins] == [1, 2, 3, 3, 1, 3, 4, 5, 5, 5]
+    at = [step.at.pose for step in line.section.steps if step.at and step.at.fixture]
+    assert [pose and pose.xyz_m[0] for pose in at] == [0.0, 0.08, 0.0]
+    kind = assembly_kind(section).written_out()
+    assert [kind.product_of(k) for k in range(1, 11)] == [k for k, _ in line.origins]
 
 
 def test_parts_of_one_assembly_are_baked_together(tmp_path: Path) -> None:
