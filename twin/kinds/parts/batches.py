@@ -40,10 +40,6 @@ def order_in_batches(
     Returns:
         Of each entry, the product and the step within it, both from 0; of a batch, those of each of its parts.
     """
-    if not sizes:
-        return [
-            ((k, n),) for k, steps in enumerate(products) for n in range(len(steps))
-        ]
     runs: list[list[Run | None]] = [list(_runs(own, sizes)) for own in products]
     done, waits = [0] * len(products), dict[int, Run]()
     waiting: dict[Run, list[tuple[int, int]]] = {}

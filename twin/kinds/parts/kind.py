@@ -108,12 +108,12 @@ class PartKind(AssemblyKind):
         if not (sizes := batch_sizes(self.section)):
             return ()
         section, variants = self.section, self.variants() or [""] * self.products()
-        own = {
-            k: [section.steps[n] for n in listed_steps(section) if n in there]
-            for k in {*variants}
-            for there in [{*section.steps_of(k)}]
-        }
-        return order_in_batches([own[k] for k in variants], sizes)
+        steps, own = (
+            listed_steps(section),
+            {k: section.steps_of(k) for k in {*variants}},
+        )
+        listed = {k: [section.steps[n] for n in steps if n in own[k]] for k in own}
+        return order_in_batches([listed[k] for k in variants], sizes)
 
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product, spare ones included if expanded; empty without variants."""

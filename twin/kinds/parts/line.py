@@ -185,8 +185,7 @@ def _written_out(text: str, whole: bool) -> Line:
 
 
 def _has_line(section: PartsSection) -> bool:
-    several = section.products is not None or batch_sizes(section)
-    return bool(section.sources or several)
+    return bool(section.sources or section.products or batch_sizes(section))
 
 
 def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
