@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from planning.bounds import DENSEST_KG_M3
-from planning.errors import ScenarioError
 from twin.document.section import Name, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
@@ -466,8 +465,10 @@ class PartsSection(AssemblySection):
 
     @model_validator(mode="after")
     def _with_best_order(self) -> PartsSection:
+        from twin.kinds.parts.changeovers import changeover_seconds
+
         if self.products is not None and self.products.order == "best":
-            self.products.set_changes(self._changeover_seconds())
+            self.products.set_changes(changeover_seconds(self))
             self.products.sequence(1)  # ValueError: too much to be compared
         return self
 
@@ -508,47 +509,3 @@ class PartsSection(AssemblySection):
             ),
             fits=tuple(fit for fit in self.fits if others.isdisjoint(fit.parts)),
         )
-
-    def _changeover_seconds(self) -> tuple[tuple[float, ...], ...]:
-        """Return the longest mean duration of the changeovers from each variant to each other, by rows [s].
-
-        Raises:
-            ValueError: a duration is not known.
-        """
-        names = self.products.variants if self.products else {}
-        own = {name: self.of_variant(name) for name in names}
-
-        def longest(before: str, after: str) -> float:
-            means = [0.0]
-            for item in self.changeovers:
-                time, both = item.between(before, after), (own[before], own[after])
-                if time is not None and all(k.uses_of(item.machine)[0] for k in both):
-                    means.append(time.mean)
-            return max(means)
-
-        try:
-            return tuple(tuple(longest(a, b) for b in names) for a in names)
-        except ScenarioError as error:
-            words = f"order: best needs durations of changeovers without files: {error}"
-            raise ValueError(words) from None
-
-    def uses_of(self, machine: str | None) -> tuple[list[int], list[int]]:
-        """Return the steps of this variant that first and last concern a machine, or all of them without one, from 1.
-
-        They put a part down where it works, and take it on from there; where it works at a part in its place, they are the
-        work itself.
-        """
-        if machine is None:
-            steps = list(range(1, len(self.steps) + 1))
-            return steps, steps
-        begin, end = list[int](), list[int]()
-        for k, step in enumerate(self.steps):
-            process = self.processes.get(step.process or "")
-            if process is None or process.machine != machine or step.at is None:
-                continue
-            moves = [n for n, s in enumerate(self.steps) if s.place == step.at.part]
-            put = max((n for n in moves if n < k), default=k)
-            stays = self.steps[put].at is None
-            begin.append(k + 1 if stays else put + 1)
-            end.append(min((n for n in moves if n > k), default=k) + 1)
-        return begin, end
