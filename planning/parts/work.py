@@ -9,10 +9,11 @@ from itertools import pairwise
 from planning.cell.workcell import Workcell
 from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.candidates import LazyCandidates, PartCandidates
+from planning.parts.disposal import disposal_tasks
 from planning.parts.expansion import step_tasks
 from planning.parts.spares import with_spares
 from planning.parts.task_precedence import time_windows, waiting_tasks
-from planning.tasks.assembly import Assembly
+from planning.tasks.assembly import Assembly, Disposal
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task, TimeWindow
 from planning.transforms import Transform
@@ -62,6 +63,19 @@ class PartWork(Assembly):
     def expand(self, plan: TaskPlan, step: int, first: int) -> StepTasks:
         """Return the tasks of a step."""
         return step_tasks(self.candidates, plan, step, first)
+
+    def is_named(self, step: int, names: Collection[str]) -> bool:
+        """Return whether a step has one of some names, or one of them with the number of its product."""
+        known = {own.name for own in self.built.steps}
+        name = self.built.steps[step - 1].name or ""
+        base = name.rpartition(".")[0]
+        return name in names or (base in names and base not in known)
+
+    def disposals(
+        self, order: Disposal, at: Mapping[str, Transform], plan: TaskPlan, first: int
+    ) -> Iterator[StepTasks]:
+        """Yield the tasks by which a robot drops a part into a bin."""
+        return disposal_tasks(self.candidates, order, at, plan, first)
 
     def waits(self, steps: Sequence[StepTasks]) -> Iterator[tuple[Task, Task]]:
         """Yield the precedence pairs of steps, and those of machines."""

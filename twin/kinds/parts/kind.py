@@ -30,9 +30,11 @@ from twin.kinds.parts.problems import (
     find_part_problems,
     machine_names,
 )
+from twin.kinds.parts.rejects import find_reject_problems
 from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
+from twin.scenario.sections.execution import ExecutionSection
 from twin.scenario.sections.kind import ASSIGNMENT, NO_WINDOW, AssemblyKind, IdleReason
 from twin.scenario.sections.shapes import to_planning_class
 
@@ -198,6 +200,12 @@ class PartKind(AssemblyKind):
     def problems(self, cell: CellSection) -> Problems:
         """Yield the problems of the section, such as unknown or repeated names."""
         return find_part_problems(self.section, cell)
+
+    def reject_problems(
+        self, execution: ExecutionSection, cell: CellSection
+    ) -> Problems:
+        """Yield unknown steps of rework, and unknown fixtures and robots of the bin."""
+        return find_reject_problems(self.section, execution, cell)
 
     def object_kinds(self) -> Iterable[str]:
         """Return the types of the parts, each once."""

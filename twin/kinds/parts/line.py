@@ -307,7 +307,9 @@ class _Writer:
                 ),
             }
         )
-        jobs = machine_jobs(section, [product for product, _ in origins], batches)
+        bound = section.products.in_progress if section.products else None
+        made_for = [product for product, _ in origins]
+        jobs = machine_jobs(section, made_for, batches)
         if section.products is not None:
             for job in jobs.values():
                 if job.door is not None and job.part is not None:
@@ -321,6 +323,8 @@ class _Writer:
                 dict(self._leaves()),
                 _elsewhere(steps),
                 frozenset(sourced),
+                bound,
+                tuple(made_for) if bound else (),
                 tuple(item for item, _ in changeovers),
             ),
             frozenset(later),

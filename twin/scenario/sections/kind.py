@@ -25,7 +25,7 @@ from twin.durations.model import DurationModel, PackagedSkill
 from twin.host.progress import StageWatch
 from twin.registry import KINDS
 from twin.scenario.sections.cell import CellSection, RobotSection
-from twin.scenario.sections.execution import StepWindowSection
+from twin.scenario.sections.execution import ExecutionSection, StepWindowSection
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -124,6 +124,18 @@ class AssemblyKind(Protocol):
             cell: what the file says of the robots and fixtures around it.
         """
         yield from ()
+
+    def reject_problems(
+        self, execution: ExecutionSection, cell: CellSection
+    ) -> Problems:
+        """Yield the problems of rework and of the bin in an execution section; both are of assemblies of parts."""
+        if execution.recovery.bin is not None:
+            words = "a bin is for assemblies of parts that are planned step by step"
+            yield ("execution", "recovery", "bin"), f"{words}: leave it out"
+        for skill, own in execution.failures.items():
+            if own.named:
+                at = ("execution", "failures", skill, "rework", "steps")
+                yield at, "only steps of assemblies of parts have names: leave it out"
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the fixtures it brings."""
