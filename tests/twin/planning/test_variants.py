@@ -26,6 +26,7 @@ from twin.kinds.parts.section import PartsSection
 from twin.kinds.parts.variants import repeated_sequence, sequence_by_shares
 from twin.reading.scenario_file import load_scenario
 from twin.runs.execution_record import ExecutionRecord
+from twin.runs.summary import summarize_run
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.throughput.throughput import line_summary
@@ -254,6 +255,8 @@ def test_a_mix_goes_through_both_engines_and_all_proofs(
     figures = line_summary(tpg, run, *kind.due())
     assert figures is not None
     assert figures["products"] == 4
+    machines = summarize_run(tpg, run, own.name)["machines"]
+    assert machines["press"]["busy_s"] == pytest.approx(4 * 2.0)
     assert scenario_expectations(own).places == ()
 
 
