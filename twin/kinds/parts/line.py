@@ -14,26 +14,22 @@ from planning.parts.assembly import TimeLag
 from planning.parts.supply import Leaving, Supply
 from planning.tasks.refill import PlacedPart, Refill
 from planning.tasks.task import TaskKind
-from planning.transforms import Transform, read_only_copy, translation
+from planning.transforms import Transform, read_only_copy
 from scheduling.copies import product_part_name
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
-from twin.kinds.parts.sources import (
-    ConveyorSection,
-    SourceSection,
-    StackSection,
-    TraySection,
-)
+from twin.kinds.parts.slots import pallet_slots, source_slots
+from twin.kinds.parts.sources import ConveyorSection, SourceSection
 from twin.kinds.statics import JoinedSection
 from twin.scenario.sections.shapes import PoseSection
 
 Pair = TypeVar("Pair", JoinedSection, FitSection)
 
 OUTFEED = "outfeed"
-"""Name of the machine that takes products away."""
+"""Name of the machine that takes products away where the file names none."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +96,7 @@ class Line:
         numbers: part and product by name of a numbered part.
         jobs: jobs of steps without robots, by step number from 1.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
+        slots: what the place of each part in a tray or a stack is called.
     """
 
     section: PartsSection
@@ -110,6 +107,7 @@ class Line:
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
     alike: tuple[AlikeParts, ...] = ()
+    slots: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def lags(self) -> Mapping[int, tuple[TimeLag, ...]]:
@@ -167,39 +165,36 @@ def _has_line(section: PartsSection) -> bool:
 
 def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
     """Return the durations of machine tasks."""
-    found: list[tuple[str, str, AnyDuration]] = []
+    found: list[tuple[str, str, str | None, AnyDuration]] = []
     for name, source in section.sources.items():
+        machine = feeding_machine(name, source)
         if isinstance(source, ConveyorSection):
-            found.append(("arrive", name, source.interval))
-            found.append(("present", feeding_machine(name, source), source.advance))
-        else:
-            found.append(("present", name, source.refill_time))
+            found.append(("arrive", name, None, source.interval))
+            found.append(("present", machine, None, source.advance))
+            continue
+        # Who serves several sources takes a time of its own for each of them.
+        kinds = [p.shape_words for p in section.parts if name in p.sources]
+        of = kinds if source.refill_by else [None]
+        found += [("present", machine, kind, source.refill_time) for kind in of]
     if section.products is not None:
-        found.append(("leave", OUTFEED, section.products.leave_time))
+        machine = section.products.leave_by or OUTFEED
+        found.append(("leave", machine, None, section.products.leave_time))
     for own in write_out_line(section).lags.values():
         for lag in own:
             if lag.machine is not None:
-                found.append((TaskKind.LAG, lag.machine, Fixed(value_s=lag.least)))
+                least = Fixed(value_s=lag.least)
+                found.append((TaskKind.LAG, lag.machine, None, least))
     return tuple(
-        SkillOverride(skill=skill, robot=machine, duration=duration)
-        for skill, machine, duration in found
+        SkillOverride(skill=skill, robot=machine, object=kind, duration=duration)
+        for skill, machine, kind, duration in found
     )
 
 
 def feeding_machine(name: str, source: SourceSection) -> str:
     """Return the machine that delivers the next part."""
-    return f"{name}.end" if isinstance(source, ConveyorSection) else name
-
-
-def source_places(source: SourceSection) -> tuple[Transform, ...]:
-    """Return the places of parts in a full source, in the order of removal."""
-    pose = source.pose.transform()
-    if isinstance(source, TraySection):
-        return tuple(read_only_copy(pose @ at) for at in source.grid.places())
-    if isinstance(source, StackSection):
-        down = [translation(0.0, 0.0, -k * source.pitch_m) for k in range(source.count)]
-        return tuple(read_only_copy(pose @ at) for at in down)
-    return (read_only_copy(pose),)
+    if isinstance(source, ConveyorSection):
+        return f"{name}.end"
+    return source.refill_by or name
 
 
 class _Writer:
@@ -212,15 +207,17 @@ class _Writer:
         self.products = 1 if products is None else products.count
         if whole and products is not None:
             self.products += products.spare
-        self.slots = {
-            name: source_places(item) for name, item in section.sources.items()
-        }
+        # Of several sources that the same parts come from, the slots are those of the first one.
         self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
         for name in section.taken:
-            if (source := self.parts[name].source) is not None:
+            for source in self.parts[name].sources[:1]:
                 self.taken[source].append(name)
-        grid = None if products is None else products.places
-        self.places = [translation(0.0, 0.0, 0.0)] if grid is None else grid.places()
+        self.slots = {
+            source: source_slots(section, self.parts[names[0]])
+            for source, names in self.taken.items()
+            if names
+        }
+        self.places = pallet_slots(section).places
         self.period = self.products if whole else self._period()
 
     def line(self) -> Line:
@@ -229,24 +226,28 @@ class _Writer:
         later: set[str] = set()
         refills: dict[int, Refill] = {}
         numbers: dict[str, tuple[str, int]] = {}
-        sourced: list[str] = []
-        for source, names in self.taken.items():
-            if not names:
-                continue
-            size = len(self.slots[source])
+        sourced: dict[str, str] = {}
+        for source, slots in self.slots.items():
+            names, size = self.taken[source], len(slots.places)
             # The parts of the pattern, and those that fill the source at its end.
             end = self.period * len(names) + size
-            for q in range(min(end, self.products * len(names))):
+            most = slots.brought(self.products * len(names))
+            placed: list[PlacedPart] = []
+            for q in range(min(end, most)):
                 part, product = names[q % len(names)], q // len(names) + 1
-                name = self._name(part, product)
-                parts.append(self._part(part, product, self.slots[source][q % size]))
-                if self.section.products is not None:
+                name, place = self._name(part, product), slots.places[q % size]
+                parts.append(self._part(part, product, place))
+                placed.append((name, place))
+                if self.section.products is not None or product > 1:
                     numbers[name] = part, product
-                sourced.append(name)
+                sourced[name] = slots.words[q % size]
                 if q >= size:
                     later.add(name)
-                if q >= size and q % size == 0:
-                    refills[self._taken_in(names, q - 1)] = self._refill(source, q)
+            for q in range(size, len(placed)):
+                if q % size in slots.begins:
+                    filled, own = slots.begins[q % size]
+                    emptied = self._taken_in(names, q - size + own - 1)
+                    refills[emptied] = self._refill(filled, placed[q : q + own])
         for name in self.section.placed:
             if self.parts[name].source is None:
                 parts.append(self._part(name, 1, None))
@@ -281,24 +282,22 @@ class _Writer:
             self.period,
             numbers,
             jobs,
+            slots=sourced,
         )
 
     def _period(self) -> int:
         """Return the period: number of products after which all sources are full and places empty."""
         period = 1
-        for source, names in self.taken.items():
-            size = len(self.slots[source])
-            if names:
-                period = math.lcm(period, size // math.gcd(size, len(names)))
+        for source, slots in self.slots.items():
+            size, count = len(slots.places), len(self.taken[source])
+            period = math.lcm(period, size // math.gcd(size, count))
         period = math.lcm(period, len(self.places))
         return min(period, self.products)
 
     def _name(self, part: str, product: int) -> str:
-        own = self.section.products is not None and part in self.section.placed
+        numbered = self.section.products is not None or product > 1
+        own = numbered and part in self.section.placed
         return product_part_name(part, product) if own else part
-
-    def _taken(self, names: list[str], q: int) -> str:
-        return self._name(names[q % len(names)], q // len(names) + 1)
 
     def _taken_in(self, names: list[str], q: int) -> int:
         """Return the step that takes a part of a source, counted from 0."""
@@ -310,7 +309,9 @@ class _Writer:
         update: dict[str, object] = {"name": self._name(name, product)}
         if slot is not None:
             update |= {"source": None, "start": PoseSection.of(slot)}
-        if part.goal is not None:
+        if product > self.products:
+            update["goal"] = None
+        elif part.goal is not None:
             goal = part.goal.transform()
             place = self.places[(product - 1) % len(self.places)]
             update["goal"] = (
@@ -318,31 +319,27 @@ class _Writer:
             )
         return part.model_copy(update=update)
 
-    def _refill(self, source: str, first: int) -> Refill:
-        """Return the refill of a source at a part counted from 0."""
-        names, places = self.taken[source], self.slots[source]
-        last = min(first + len(places), self.products * len(names))
-        parts: tuple[PlacedPart, ...] = tuple(
-            (self._taken(names, q), places[q % len(places)]) for q in range(first, last)
-        )
+    def _refill(self, source: str, parts: Sequence[PlacedPart]) -> Refill:
+        """Return the refill of a source with parts."""
         section = self.section.sources[source]
         machine = feeding_machine(source, section)
         if isinstance(section, ConveyorSection):
-            return Refill(machine, parts, source, section.buffer)
-        return Refill(machine, parts)
+            return Refill(machine, tuple(parts), source, section.buffer)
+        return Refill(machine, tuple(parts))
 
     def _leaves(self) -> Iterator[tuple[int, Leaving]]:
         """Yield leaving objects with their steps."""
         together, steps = len(self.places), len(self.section.steps)
         if self.section.products is None or together > self.products:
             return
+        machine = self.section.products.leave_by or OUTFEED
         for last in range(together, self.period + 1, together):
             parts = tuple(
                 (self._name(name, product), self._goal(name, product))
                 for product in range(last - together + 1, last + 1)
                 for name in self.section.placed
             )
-            yield last * steps, Leaving(OUTFEED, parts)
+            yield last * steps, Leaving(machine, parts)
 
     def _goal(self, name: str, product: int) -> Transform:
         goal = self._part(name, product, None).goal

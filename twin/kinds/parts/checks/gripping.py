@@ -197,7 +197,11 @@ def _no_room(
 ) -> Finding:
     """Return the finding on a part without room: an error at ``pitch_m`` where its source puts parts too close together."""
     at, remedy = subject.thing_at(name, key), "move one of the two"
-    sources = {part.name: part.source for part in parts.section.parts}
+    sources = {
+        part.name: part.source
+        for part in parts.section.parts
+        if isinstance(part.source, str)
+    }
     own, other = (sources.get(name_in_file(n, sources)) for n in (name, neighbour))
     source = parts.section.sources.get(own or "")
     in_source = key == "start" and own == other and source is not None
