@@ -206,8 +206,8 @@ def _without_repeats(subject: CheckContext, findings: Findings) -> list[Finding]
     out: list[Finding] = []
     for (at, error), items in by_key.items():
         for item in items[:_MOST_PER_KEY]:
-            slots = [f"{k}: {v}" for k, v in subject.checks.slots(item).items()]
-            words = f" ({'; '.join(slots)})" if slots else ""
+            places = [f"{k}: {v}" for k, v in subject.checks.places(item).items()]
+            words = f" ({'; '.join(places)})" if places else ""
             out.append(replace(item, message=item.message + words))
         if len(items) > _MOST_PER_KEY:
             more = f"and {len(items) - _MOST_PER_KEY} more like these"

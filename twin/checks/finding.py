@@ -201,8 +201,8 @@ class KindChecks:
         """
         return (*path[:-1], key)
 
-    def slots(self, finding: Finding) -> Mapping[str, str]:
-        """Return the slots of trays and pallets in which parts of a finding are, by part."""
+    def places(self, finding: Finding) -> Mapping[str, str]:
+        """Return the places of trays and pallets in which parts of a finding are, by part."""
         return {}
 
     def fits(self) -> tuple[FittedPart, ...]:

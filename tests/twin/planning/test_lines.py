@@ -19,8 +19,8 @@ from tests.twin.written import loaded, refusal
 from twin.audits.expectations import scenario_expectations
 from twin.document.validation import InvalidScenarioError
 from twin.kinds.parts.line import write_out_line
+from twin.kinds.parts.ordered_places import source_places
 from twin.kinds.parts.section import PartsSection
-from twin.kinds.parts.slots import source_slots
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
@@ -111,8 +111,8 @@ def test_a_stack_is_taken_from_above(tmp_path: Path) -> None:
     }
     own = scenario(tmp_path, source={"bolts": stack}, products={"count": 3})
     assembly = assembly_section(own, PartsSection)
-    slots = source_slots(assembly, assembly.parts[1])
-    heights = [at[2, 3] for at in slots.places]
+    places = source_places(assembly, assembly.parts[1])
+    heights = [at[2, 3] for at in places.poses]
     assert np.allclose(heights, [0.135, 0.105, 0.075])
     line = write_out_line(assembly)
     assert line.period == line.products

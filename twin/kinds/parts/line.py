@@ -20,8 +20,8 @@ from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
 from twin.kinds.parts.between import FitSection
+from twin.kinds.parts.ordered_places import pallet_places, source_places
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
-from twin.kinds.parts.slots import pallet_slots, source_slots
 from twin.kinds.parts.sources import ConveyorSection, SourceSection
 from twin.kinds.statics import JoinedSection
 from twin.scenario.sections.shapes import PoseSection
@@ -96,7 +96,7 @@ class Line:
         numbers: part and product by name of a numbered part.
         jobs: jobs of steps without robots, by step number from 1.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
-        slots: what the place of each part in a tray or a stack is called.
+        places: what the place of each part in a tray or a stack is called.
     """
 
     section: PartsSection
@@ -107,7 +107,7 @@ class Line:
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
     alike: tuple[AlikeParts, ...] = ()
-    slots: Mapping[str, str] = field(default_factory=dict)
+    places: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def lags(self) -> Mapping[int, tuple[TimeLag, ...]]:
@@ -207,17 +207,17 @@ class _Writer:
         self.products = 1 if products is None else products.count
         if whole and products is not None:
             self.products += products.spare
-        # Of several sources that the same parts come from, the slots are those of the first one.
+        # Of several sources that the same parts come from, the places are those of the first one.
         self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
         for name in section.taken:
             for source in self.parts[name].sources[:1]:
                 self.taken[source].append(name)
-        self.slots = {
-            source: source_slots(section, self.parts[names[0]])
+        self.lying = {
+            source: source_places(section, self.parts[names[0]])
             for source, names in self.taken.items()
             if names
         }
-        self.places = pallet_slots(section).places
+        self.places = pallet_places(section).poses
         self.period = self.products if whole else self._period()
 
     def line(self) -> Line:
@@ -227,25 +227,25 @@ class _Writer:
         refills: dict[int, Refill] = {}
         numbers: dict[str, tuple[str, int]] = {}
         sourced: dict[str, str] = {}
-        for source, slots in self.slots.items():
-            names, size = self.taken[source], len(slots.places)
+        for source, places in self.lying.items():
+            names, size = self.taken[source], len(places.poses)
             # The parts of the pattern, and those that fill the source at its end.
             end = self.period * len(names) + size
-            most = slots.brought(self.products * len(names))
+            most = places.brought(self.products * len(names))
             placed: list[PlacedPart] = []
             for q in range(min(end, most)):
                 part, product = names[q % len(names)], q // len(names) + 1
-                name, place = self._name(part, product), slots.places[q % size]
+                name, place = self._name(part, product), places.poses[q % size]
                 parts.append(self._part(part, product, place))
                 placed.append((name, place))
                 if self.section.products is not None or product > 1:
                     numbers[name] = part, product
-                sourced[name] = slots.words[q % size]
+                sourced[name] = places.words[q % size]
                 if q >= size:
                     later.add(name)
             for q in range(size, len(placed)):
-                if q % size in slots.begins:
-                    filled, own = slots.begins[q % size]
+                if q % size in places.begins:
+                    filled, own = places.begins[q % size]
                     emptied = self._taken_in(names, q - size + own - 1)
                     refills[emptied] = self._refill(filled, placed[q : q + own])
         for name in self.section.placed:
@@ -282,14 +282,14 @@ class _Writer:
             self.period,
             numbers,
             jobs,
-            slots=sourced,
+            places=sourced,
         )
 
     def _period(self) -> int:
         """Return the period: number of products after which all sources are full and places empty."""
         period = 1
-        for source, slots in self.slots.items():
-            size, count = len(slots.places), len(self.taken[source])
+        for source, places in self.lying.items():
+            size, count = len(places.poses), len(self.taken[source])
             period = math.lcm(period, size // math.gcd(size, count))
         period = math.lcm(period, len(self.places))
         return min(period, self.products)

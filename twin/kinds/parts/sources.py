@@ -20,7 +20,7 @@ Count = Annotated[int, Field(ge=1, le=100)]
 Amount = Annotated[int, Field(ge=1, le=1000)]
 Pitch = Annotated[float, Field(ge=-100, le=100)]
 
-_MOST_SLOTS = 10_000
+_MOST_PLACES = 10_000
 """Most places of a grid."""
 
 _NEAR = 6
@@ -47,13 +47,13 @@ class GridSection(Section):
     order: Literal["rows", "columns", "clear"] | Several[int] = "rows"
 
     @model_validator(mode="after")
-    def _check_slots(self) -> GridSection:
+    def _check_places(self) -> GridSection:
         if len(self.counts) != len(self.pitch_m):
             raise ValueError(
                 f"counts has {len(self.counts)} entries, and pitch_m {len(self.pitch_m)}: give one for each"
             )
-        if self.size > _MOST_SLOTS:
-            raise ValueError(f"{self.size} places: there may be {_MOST_SLOTS}")
+        if self.size > _MOST_PLACES:
+            raise ValueError(f"{self.size} places: there may be {_MOST_PLACES}")
         for axis, count, pitch in zip("xyz", self.counts, self.pitch_m, strict=False):
             if count > 1 and pitch == 0.0:
                 raise ValueError(f"{count} places along {axis} need a pitch_m, not 0")
@@ -71,7 +71,7 @@ class GridSection(Section):
         """Number of places."""
         return int(np.prod(self.counts))
 
-    def slots(self) -> list[Transform]:
+    def by_number(self) -> list[Transform]:
         """Return the places by their numbers."""
         (nx, ny, nz), (dx, dy, dz) = (*self.counts, 1)[:3], (*self.pitch_m, 0.0)[:3]
         return [
@@ -101,7 +101,7 @@ class GridSection(Section):
         number = np.arange(self.size)
         row, layer = number // self.counts[0], number // np.prod(self.counts[:2])
         if self.order == "clear" and pose is not None:
-            points = np.array([(pose @ at)[:3, 3] for at in self.slots()])
+            points = np.array([(pose @ at)[:3, 3] for at in self.by_number()])
             far = [np.round(points @ way, _NEAR) for way in directions]
             keys = number, *(-own for own in reversed(far))
         else:
@@ -111,13 +111,13 @@ class GridSection(Section):
 
     def places(self) -> list[Transform]:
         """Return the places in the order in which they are filled."""
-        slots = self.slots()
-        return [slots[number] for number in self.numbers()]
+        poses = self.by_number()
+        return [poses[number] for number in self.numbers()]
 
     def words(self, number: int) -> str:
         """Return what a place is called, by its number from 0."""
         layer = number // (self.counts[0] * self.counts[1]) + 1
-        return f"slot {number + 1}" + (f" in layer {layer}" if self.counts[2:] else "")
+        return f"place {number + 1}" + (f" in layer {layer}" if self.counts[2:] else "")
 
 
 class PlacesSection(PoseSection):

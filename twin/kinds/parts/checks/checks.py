@@ -51,7 +51,7 @@ from twin.kinds.parts.checks.reach import check_part_reach
 from twin.kinds.parts.checks.windows import check_due_times, check_windows
 from twin.kinds.parts.fits import KnownFit, known_fits
 from twin.kinds.parts.line import write_out_line
-from twin.kinds.parts.slots import pallet_slots
+from twin.kinds.parts.ordered_places import pallet_places
 
 
 class PartChecks(PartsContext):
@@ -171,12 +171,12 @@ class PartChecks(PartsContext):
                 key += "s"
         return super().key_at(path, key)
 
-    def slots(self, finding: Finding) -> Mapping[str, str]:
-        """Return the slots in which the parts of a finding lie, or to which they go."""
+    def places(self, finding: Finding) -> Mapping[str, str]:
+        """Return the places in which the parts of a finding lie, or to which they go."""
         line = write_out_line(self.section)
-        found = line.slots
+        found = line.places
         if finding.at[-1] in ("goal", "goals"):
-            words = pallet_slots(self.section).words
+            words = pallet_places(self.section).words
             numbers = {name: product for name, (_, product) in line.numbers.items()}
             found = {k: words[(n - 1) % len(words)] for k, n in numbers.items()}
         elif finding.at[-1] != "source" and finding.at[1:2] != ("sources",):

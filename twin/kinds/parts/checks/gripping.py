@@ -207,7 +207,10 @@ def _no_room(
     in_source = key == "start" and own == other and source is not None
     if in_source:
         pitch = ("grid", "pitch_m") if isinstance(source, TraySection) else ("pitch_m",)
-        at, remedy = ("assembly", "sources", str(own), *pitch), "give a larger pitch_m"
+        at, remedy = (
+            ("assembly", "sources", str(own), *pitch),
+            "give a larger pitch_m or another order",
+        )
     where = "where it lies" if key == "start" else "in its place"
     return Finding(
         at,

@@ -1,4 +1,4 @@
-"""Slots of sources and pallets, in the order in which they are emptied and filled."""
+"""Places of sources and pallets, in the order in which they are emptied and filled."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from twin.kinds.parts.sources import SourceSection, StackSection, TraySection
 
 
 @dataclass(frozen=True)
-class Slots:
-    """Slots that are emptied or filled one after another, and then again from the first.
+class OrderedPlaces:
+    """Places that are emptied or filled one after another, and then again from the first.
 
     Attributes:
-        places: their poses in the world; of a pallet, by which products are moved.
+        poses: in the world; of a pallet, by which products are moved.
         words: what they are called, empty where there is one alone.
-        begins: by index of its first slot from 0, each source that they belong to, and how many are its own.
+        begins: by index of its first place from 0, each source that they belong to, and how many are its own.
         stacked: whether parts lie on each other.
     """
 
-    places: tuple[Transform, ...]
+    poses: tuple[Transform, ...]
     words: tuple[str, ...]
     begins: Mapping[int, tuple[str, int]]
     stacked: bool = False
@@ -32,14 +32,14 @@ class Slots:
         """Return how many parts come where a number is needed: what lies on others comes with all below."""
         if not self.stacked:
             return count
-        last = (count - 1) % len(self.places)
+        last = (count - 1) % len(self.poses)
         ends = [begin + own for begin, (_, own) in self.begins.items()]
         return count - 1 - last + min(end for end in ends if end > last)
 
 
-def source_slots(section: PartsSection, part: PartSection) -> Slots:
-    """Return the slots of the sources of a part: one source after another, in the order of removal."""
-    places: list[Transform] = []
+def source_places(section: PartsSection, part: PartSection) -> OrderedPlaces:
+    """Return the places of the sources of a part: one source after another, in the order of removal."""
+    poses: list[Transform] = []
     words: list[str] = []
     begins: dict[int, tuple[str, int]] = {}
     sources = [section.sources[name] for name in part.sources]
@@ -51,23 +51,23 @@ def source_slots(section: PartsSection, part: PartSection) -> Slots:
     directions = np.array(part.take_out), -_tool_direction(section, part)
     for name in part.sources:
         found = _emptied(section.sources[name], directions)
-        begins[len(places)] = name, len(found)
-        places += [read_only_copy(pose) for pose, _ in found]
+        begins[len(poses)] = name, len(found)
+        poses += [read_only_copy(pose) for pose, _ in found]
         words += [f"{own} of {name}" if own else "" for _, own in found]
-    return Slots(tuple(places), tuple(words), begins, stacked)
+    return OrderedPlaces(tuple(poses), tuple(words), begins, stacked)
 
 
-def pallet_slots(section: PartsSection) -> Slots:
-    """Return the slots of a pallet in the order in which products fill it; one without a pallet."""
+def pallet_places(section: PartsSection) -> OrderedPlaces:
+    """Return the places of a pallet in the order in which products fill it; one without a pallet."""
     grid = None if section.products is None else section.products.places
     if grid is None:
-        return Slots((translation(0.0, 0.0, 0.0),), ("",), {})
+        return OrderedPlaces((translation(0.0, 0.0, 0.0),), ("",), {})
     placed = (part for part in section.parts if part.name in section.placed)
     first = next(placed, section.parts[0])
     directions = np.array(first.insert), _tool_direction(section, first)
-    numbers, slots = grid.numbers(np.eye(4), directions), grid.slots()
+    numbers, poses = grid.numbers(np.eye(4), directions), grid.by_number()
     words = tuple(f"{grid.words(k)} of products.places" for k in numbers)
-    return Slots(tuple(slots[k] for k in numbers), words, {})
+    return OrderedPlaces(tuple(poses[k] for k in numbers), words, {})
 
 
 def _tool_direction(section: PartsSection, part: PartSection) -> Array:
@@ -85,8 +85,8 @@ def _emptied(
     pose = source.pose.transform()
     if isinstance(source, TraySection):
         numbers = source.grid.numbers(pose, directions, emptied=True)
-        slots = source.grid.slots()
-        return [(pose @ slots[k], source.grid.words(k)) for k in numbers]
+        inside = source.grid.by_number()
+        return [(pose @ inside[k], source.grid.words(k)) for k in numbers]
     if isinstance(source, StackSection):
         pitch, count = source.pitch_m, range(source.count)
         down = [pose @ translation(0.0, 0.0, -k * pitch) for k in count]
