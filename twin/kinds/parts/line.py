@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import product as product_of
+from itertools import accumulate
 from typing import TypeVar
 
 from planning.parts.assembly import TimeLag
@@ -20,6 +20,7 @@ from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
 from twin.kinds.parts.between import FitSection
+from twin.kinds.parts.changeovers import find_changeovers
 from twin.kinds.parts.ordered_places import pallet_places, source_places
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
 from twin.kinds.parts.sources import ConveyorSection, SourceSection
@@ -49,23 +50,24 @@ class MachineJob:
     product: int = 1
 
 
-def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]:
+def machine_jobs(
+    section: PartsSection, products: Sequence[int]
+) -> Mapping[int, MachineJob]:
     """Return the jobs of steps without robots, by step number from 1.
 
     Args:
         section: with the steps of all products that are written out.
-        period: how many these are.
+        products: the product of each step, from 1.
     """
     uses = Counter(step.process for step in section.steps if step.process)
-    length = len(section.steps) // period
     found: dict[int, MachineJob] = {}
     counted: Counter[tuple[str, int]] = Counter()
-    for number, step in enumerate(section.steps, start=1):
+    steps = zip(section.steps, products, strict=True)
+    for number, (step, product) in enumerate(steps, start=1):
         name = step.process or ""
         process = section.processes.get(name)
         if process is None or not process.without_robot:
             continue
-        product = (number - 1) // length + 1
         machine, door, part = process.machine, None, None
         if machine is None:
             counted[name, 0] += 1
@@ -93,8 +95,11 @@ class Line:
         later: parts that are not there at the start.
         products: how many there are to be.
         period: how many are written out.
+        origins: of each step its product, from 1, and its index among the steps of the section that was expanded,
+            from 0.
         numbers: part and product by name of a numbered part.
         jobs: jobs of steps without robots, by step number from 1.
+        changeover_times: durations of the changeovers.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
         places: what the place of each part in a tray or a stack is called.
     """
@@ -104,8 +109,10 @@ class Line:
     later: frozenset[str] = frozenset()
     products: int = 1
     period: int = 1
+    origins: tuple[tuple[int, int], ...] = ()
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
+    changeover_times: tuple[SkillOverride, ...] = ()
     alike: tuple[AlikeParts, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
 
@@ -134,6 +141,7 @@ class Line:
         names = [item.arrivals for item in refills] + [item.machine for item in refills]
         names += [item.machine for item in self.supply.leaves.values()]
         names += [item.machine for item in self.jobs.values()]
+        names += [item.machine for item in self.supply.changeovers]
         names += [lag.machine for own in self.lags.values() for lag in own]
         return tuple(dict.fromkeys(name for name in names if name is not None))
 
@@ -146,11 +154,12 @@ def write_out_line(section: PartsSection, *, whole: bool = False) -> Line:
         whole: write out all products, however many they are.
     """
     named = with_named_parts(section)
-    line = (
-        _written_out(named.model_dump_json(), whole)
-        if _has_line(named)
-        else Line(named, jobs=machine_jobs(named, 1))
-    )
+    if _has_line(named):
+        line = _written_out(named.model_dump_json(), whole)
+    else:
+        origins = tuple((1, k) for k in range(len(named.steps)))
+        jobs = machine_jobs(named, [1] * len(origins))
+        line = Line(named, origins=origins, jobs=jobs)
     return line if named is section else replace(line, alike=alike_parts(section))
 
 
@@ -179,15 +188,17 @@ def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
     if section.products is not None:
         machine = section.products.leave_by or OUTFEED
         found.append(("leave", machine, None, section.products.leave_time))
-    for own in write_out_line(section).lags.values():
+    line = write_out_line(section, whole=bool(section.changeovers))
+    for own in line.lags.values():
         for lag in own:
             if lag.machine is not None:
                 least = Fixed(value_s=lag.least)
                 found.append((TaskKind.LAG, lag.machine, None, least))
-    return tuple(
+    overrides = (
         SkillOverride(skill=skill, robot=machine, object=kind, duration=duration)
         for skill, machine, kind, duration in found
     )
+    return (*overrides, *line.changeover_times)
 
 
 def feeding_machine(name: str, source: SourceSection) -> str:
@@ -207,18 +218,47 @@ class _Writer:
         self.products = 1 if products is None else products.count
         if whole and products is not None:
             self.products += products.spare
+        self.sequence = products.sequence(self.products) if products else ()
+        self.own = {
+            variant: section.of_variant(variant) for variant in {*self.sequence, ""}
+        }
         # Of several sources that the same parts come from, the places are those of the first one.
-        self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
+        first: dict[str, str] = {}
         for name in section.taken:
             for source in self.parts[name].sources[:1]:
-                self.taken[source].append(name)
+                first.setdefault(source, name)
         self.lying = {
-            source: source_places(section, self.parts[names[0]])
-            for source, names in self.taken.items()
-            if names
+            source: source_places(section, self.parts[first[source]])
+            for source in section.sources
+            if source in first
         }
         self.places = pallet_places(section).poses
-        self.period = self.products if whole else self._period()
+        every = whole or bool(self.sequence)
+        self.period = self.products if every else self._period()
+        self.origins = tuple(
+            (product, k)
+            for product in range(1, self.period + 1)
+            for k in section.steps_of(self._variant(product))
+        )
+        self.ends = list(
+            accumulate(
+                len(self._of(product).steps) for product in range(1, self.period + 1)
+            )
+        )
+
+    def _variant(self, product: int) -> str:
+        """Return the variant of a product; what comes beyond the last one is as at the beginning."""
+        known = self.sequence
+        return known[(product - 1) % len(known)] if known else ""
+
+    def _of(self, product: int) -> PartsSection:
+        """Return the section with the steps of a product."""
+        return self.own[self._variant(product)]
+
+    def _names(self, source: str, product: int) -> list[str]:
+        """Return the parts of a product that come from a source, in the order in which they are taken."""
+        taken = self._of(product).taken
+        return [name for name in taken if self.parts[name].sources[:1] == (source,)]
 
     def line(self) -> Line:
         handled = set(self.section.placed)
@@ -228,13 +268,9 @@ class _Writer:
         numbers: dict[str, tuple[str, int]] = {}
         sourced: dict[str, str] = {}
         for source, places in self.lying.items():
-            names, size = self.taken[source], len(places.poses)
-            # The parts of the pattern, and those that fill the source at its end.
-            end = self.period * len(names) + size
-            most = places.brought(self.products * len(names))
+            size, taken = len(places.poses), self._taken(source)
             placed: list[PlacedPart] = []
-            for q in range(min(end, most)):
-                part, product = names[q % len(names)], q // len(names) + 1
+            for q, (part, product) in enumerate(taken):
                 name, place = self._name(part, product), places.poses[q % size]
                 parts.append(self._part(part, product, place))
                 placed.append((name, place))
@@ -246,7 +282,7 @@ class _Writer:
             for q in range(size, len(placed)):
                 if q % size in places.begins:
                     filled, own = places.begins[q % size]
-                    emptied = self._taken_in(names, q - size + own - 1)
+                    emptied = self._taken_in(*taken[q - size + own - 1])
                     refills[emptied] = self._refill(filled, placed[q : q + own])
         for name in self.section.placed:
             if self.parts[name].source is None:
@@ -254,21 +290,25 @@ class _Writer:
         steps = tuple(
             self._step(step, product)
             for product in range(1, self.period + 1)
-            for step in self.section.steps
+            for step in self._of(product).steps
         )
         section = self.section.model_copy(
             update={
                 "parts": tuple(parts),
                 "steps": steps,
                 "joined": tuple(self._joined()),
-                "fits": tuple(fit for fit, _ in self._of_products(self.section.fits)),
+                "fits": tuple(
+                    fit for fit, _ in self._of_products(lambda own: own.fits)
+                ),
             }
         )
-        jobs = machine_jobs(section, self.period)
+        jobs = machine_jobs(section, [product for product, _ in self.origins])
         if section.products is not None:
             for job in jobs.values():
                 if job.door is not None and job.part is not None:
                     numbers[job.door] = job.part, job.product
+        about = self.section, self.own, self.sequence, self.ends
+        changeovers = list(find_changeovers(*about))
         return Line(
             section,
             Supply(
@@ -276,12 +316,23 @@ class _Writer:
                 dict(self._leaves()),
                 _elsewhere(steps),
                 frozenset(sourced),
+                tuple(item for item, _ in changeovers),
             ),
             frozenset(later),
             self.products,
             self.period,
+            self.origins,
             numbers,
             jobs,
+            tuple(
+                SkillOverride(
+                    skill=TaskKind.CHANGEOVER,
+                    robot=item.machine,
+                    object=item.part,
+                    duration=duration,
+                )
+                for item, duration in changeovers
+            ),
             places=sourced,
         )
 
@@ -289,8 +340,9 @@ class _Writer:
         """Return the period: number of products after which all sources are full and places empty."""
         period = 1
         for source, places in self.lying.items():
-            size, count = len(places.poses), len(self.taken[source])
-            period = math.lcm(period, size // math.gcd(size, count))
+            size, names = len(places.poses), self._names(source, 1)
+            if names:
+                period = math.lcm(period, size // math.gcd(size, len(names)))
         period = math.lcm(period, len(self.places))
         return min(period, self.products)
 
@@ -299,10 +351,30 @@ class _Writer:
         own = numbered and part in self.section.placed
         return product_part_name(part, product) if own else part
 
-    def _taken_in(self, names: list[str], q: int) -> int:
-        """Return the step that takes a part of a source, counted from 0."""
-        steps = [step.place for step in self.section.steps]
-        return q // len(names) * len(steps) + steps.index(names[q % len(names)]) + 1
+    def _taken(self, source: str) -> list[tuple[str, int]]:
+        """Return the parts that are taken from a source, each with its product, in their order.
+
+        They are those of the products that are written out, and those that fill the source at their end, and
+        those below which others lie.
+        """
+        places, found, own = self.lying[source], list[tuple[str, int]](), 0
+        size = len(places.poses)
+        for product in range(1, self.products + 1):
+            found += [(name, product) for name in self._names(source, product)]
+            own = len(found) if product <= self.period else own
+            if product > self.period and (not found or len(found) >= own + size):
+                break
+        more, most = self.products, min(own + size, places.brought(len(found)))
+        while found and len(found) < most:
+            more += 1
+            found += [(name, more) for name in self._names(source, more)]
+        return found[:most]
+
+    def _taken_in(self, part: str, product: int) -> int:
+        """Return the step that takes a part of a source, from 1."""
+        steps = self._of(product).steps
+        own = [step.place for step in steps].index(part) + 1
+        return self.ends[product - 1] - len(steps) + own
 
     def _part(self, name: str, product: int, slot: Transform | None) -> PartSection:
         part = self.parts[name]
@@ -329,7 +401,7 @@ class _Writer:
 
     def _leaves(self) -> Iterator[tuple[int, Leaving]]:
         """Yield leaving objects with their steps."""
-        together, steps = len(self.places), len(self.section.steps)
+        together = len(self.places)
         if self.section.products is None or together > self.products:
             return
         machine = self.section.products.leave_by or OUTFEED
@@ -337,9 +409,9 @@ class _Writer:
             parts = tuple(
                 (self._name(name, product), self._goal(name, product))
                 for product in range(last - together + 1, last + 1)
-                for name in self.section.placed
+                for name in self._of(product).placed
             )
-            yield last * steps, Leaving(machine, parts)
+            yield self.ends[last - 1], Leaving(machine, parts)
 
     def _goal(self, name: str, product: int) -> Transform:
         goal = self._part(name, product, None).goal
@@ -348,18 +420,21 @@ class _Writer:
 
     def _joined(self) -> Iterator[JoinedSection]:
         """Yield the joints of all products, with their names."""
-        for joint, product in self._of_products(self.section.joined):
+        for joint, product in self._of_products(lambda own: own.joined):
             by = joint.by
             if by is not None and self.section.products is not None:
                 by = product_part_name(by, product)
             yield joint.model_copy(update={"by": by})
 
-    def _of_products(self, pairs: Sequence[Pair]) -> Iterator[tuple[Pair, int]]:
+    def _of_products(
+        self, pairs: Callable[[PartsSection], Sequence[Pair]]
+    ) -> Iterator[tuple[Pair, int]]:
         """Yield pairs with names expanded for each product and its number; others once."""
-        for product, item in product_of(range(1, self.period + 1), pairs):
-            parts = tuple(self._name(name, product) for name in item.parts)
-            if parts != item.parts or product == 1:
-                yield item.model_copy(update={"parts": parts}), product
+        for product in range(1, self.period + 1):
+            for item in pairs(self._of(product)):
+                parts = tuple(self._name(name, product) for name in item.parts)
+                if parts != item.parts or product == 1:
+                    yield item.model_copy(update={"parts": parts}), product
 
     def _step(self, step: StepSection, product: int) -> StepSection:
         """Return a step for a product, with that product's names."""
