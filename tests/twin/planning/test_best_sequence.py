@@ -84,7 +84,7 @@ def test_the_best_order_is_that_of_the_changeovers(tmp_path: Path) -> None:
     # From short to long the press takes 20 s, back the nest takes 5.5 s.
     steps = [*STEPS[:3], press, STEPS[3]]
     about: dict[str, Any] = {"count": 5, "spare": 2, "order": "best"}
-    variants = {"short": {"share": 3}, "long": {"share": 2}}
+    variants: dict[str, Any] = {"short": {"share": 3}, "long": {"share": 2}}
     file = mix(tmp_path, steps=steps, assembly=PRESS, variants=variants, **about)
     kind = assembly_kind(load_scenario(file).assembly)
     assert kind.variants() == ("long",) * 2 + ("short",) * 3

@@ -261,9 +261,9 @@ def test_an_order_of_layers_is_found_for_alike_parts(tmp_path: Path) -> None:
     )
     text = CELL[: CELL.index("  sources:")] + part + CELL[CELL.index("  grips:") :]
     file = written(tmp_path, text[: text.index("  machines:")])
-    parts = OrderedParts(
-        build_workcell(load_scenario(file), tmp_path), load_scenario(file).assembly
-    )  # type: ignore[arg-type]
+    own = load_scenario(file)
+    section = assembly_section(own, PartsSection)
+    parts = OrderedParts(build_workcell(own, tmp_path), section)
     assert isinstance(parts.found, PartAssembly), parts.found
     heights = [parts.found.goals[step.part][2, 3] for step in parts.found.steps]  # type: ignore[union-attr]
     assert np.allclose(heights, [0.02, 0.02, 0.06, 0.06])

@@ -58,6 +58,7 @@ def assembly_of(line: Line) -> PartAssembly:
         overlaps=overlaps_of(section),
         supply=line.supply,
         alike=tuple(own.names for own in line.alike if own.goals and not own.sourced),
+        returns=line.products > line.period,
     )
 
 

@@ -302,7 +302,9 @@ class _Writer:
                 ),
             }
         )
-        jobs = machine_jobs(section, [product for product, _ in self.origins])
+        bound = section.products.in_progress if section.products else None
+        made_for = [product for product, _ in self.origins]
+        jobs = machine_jobs(section, made_for)
         if section.products is not None:
             for job in jobs.values():
                 if job.door is not None and job.part is not None:
@@ -316,6 +318,8 @@ class _Writer:
                 dict(self._leaves()),
                 _elsewhere(steps),
                 frozenset(sourced),
+                bound,
+                tuple(made_for) if bound else (),
                 tuple(item for item, _ in changeovers),
             ),
             frozenset(later),

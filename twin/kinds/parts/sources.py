@@ -328,6 +328,8 @@ class ProductsSection(Section):
         places: a pallet: product by product stands in the next of its places, moved from
             ``goal`` along the axes of the world; the pallet leaves when it is full. Every product
             leaves on its own when not given.
+        in_progress: greatest number of products that are begun and not complete at a time; any number when not
+            given.
         leave_s: time until a finished product, or a full pallet, is gone.
         leave: distribution of that time, in place of ``leave_s``.
         leave_by: name of who takes it away, as ``refill_by`` of sources.
@@ -345,6 +347,7 @@ class ProductsSection(Section):
     objective: Objective = "makespan"
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     places: GridSection | None = None
+    in_progress: Annotated[int, Field(ge=1, le=100)] | None = None
     leave_s: Seconds = 0.0
     leave: AnyDuration | None = None
     leave_by: Name | None = None
