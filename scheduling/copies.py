@@ -179,7 +179,8 @@ class _Copies:
         last = self.pattern.copies - 1
         left = self.index[last, chain.task] >= 0
         rest = int(np.count_nonzero(left))
-        if not np.all(left[:rest]):
+        # A machine, which does not move, may leave out something in between.
+        if not (np.all(left[:rest]) or self.tpg.cell.is_machine(chain.robot)):
             raise PlanInvariantError(
                 f"{chain.robot!r} works for a product before it is done with an earlier one"
             )
@@ -187,8 +188,12 @@ class _Copies:
         if times == 0:
             return chain.cut(0, 0)
         counts = np.diff(chain.first)
-        tasks = [self.index[k, chain.task] for k in range(times)]
-        starts = [chain.planned_start + k * self.length_s for k in range(times)]
+        nodes = [np.arange(len(chain))] * last + [np.argsort(~left, kind="stable")]
+        order = np.concatenate(nodes[:times])
+        tasks = [self.index[k, chain.task[nodes[k]]] for k in range(times)]
+        starts = [
+            chain.planned_start[nodes[k]] + k * self.length_s for k in range(times)
+        ]
         whole = NodeChain(
             chain.robot,
             chain.start,
@@ -196,8 +201,8 @@ class _Copies:
             np.tile(chain.fraction, times),
             np.concatenate([[0], np.cumsum(np.tile(counts, times))]).astype(np.int64),
             np.concatenate(tasks),
-            np.tile(chain.skill, times),
-            np.tile(chain.duration, times),
+            chain.skill[order],
+            chain.duration[order],
             np.concatenate(starts),
             drive=None if chain.drive is None else chain.drive.repeated(times),
             corners=None
@@ -213,10 +218,13 @@ class _Copies:
             task = chain.task[h.node]
             if index[task] < 0 or (copy and (task, h.object) in self.held):
                 continue
+            node = h.node
+            if copy == self.pattern.copies - 1:
+                node = int(np.count_nonzero(index[chain.task[:node]] >= 0))
             yield NodeHandling(
                 self._name(h.object, copy),
                 h.robot,
-                h.node + copy * len(chain),
+                node + copy * len(chain),
                 h.waypoint,
                 h.holder,
                 h.pose,

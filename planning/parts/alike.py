@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import combinations, groupby
+from itertools import chain, combinations, groupby
 from math import inf
 
 import numpy as np
@@ -48,7 +48,7 @@ _NOBODY, _NEVER = 100.0, 1e6
 """Cost of a goal for a robot that cannot fill it alone: more than any path or load [rad]."""
 
 _AWAY = 1000.0
-"""Height at which parts are that come from nowhere in particular [m]."""
+"""Distances in height of parts that come from nowhere in particular [m]."""
 
 Order = Callable[[Workcell, PartAssembly], PartAssembly]
 """Returns an assembly with its steps in an order in which they can be."""
@@ -98,14 +98,17 @@ def find_alike_candidates(
 
 def without_start_places(cell: Workcell, assembly: PartAssembly) -> Workcell:
     """Return a cell in which interchangeable parts with goals are far away, and others left out."""
-    alike = {name for group in assembly.alike for name in group}
-    away = read_only_copy(translation(0.0, 0.0, _AWAY))
+    # Each far from the others, as what lies on what at the start says nothing of goals.
+    away = {
+        name: translation(0.0, 0.0, _AWAY * (1 + k))
+        for k, name in enumerate(chain(*assembly.alike))
+    }
     objects = (
-        replace(item, start=read_only_copy(away @ item.start))
-        if item.name in alike
+        replace(item, start=read_only_copy(away[item.name] @ item.start))
+        if item.name in away
         else item
         for item in cell.objects
-        if item.name not in alike or item.name in assembly.goals
+        if item.name not in away or item.name in assembly.goals
     )
     return replace(cell, objects=tuple(objects))
 

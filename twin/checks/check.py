@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -205,7 +205,10 @@ def _without_repeats(subject: CheckContext, findings: Findings) -> list[Finding]
         by_key.setdefault((item.at, item.error), []).append(item)
     out: list[Finding] = []
     for (at, error), items in by_key.items():
-        out += items[:_MOST_PER_KEY]
+        for item in items[:_MOST_PER_KEY]:
+            places = [f"{k}: {v}" for k, v in subject.checks.places(item).items()]
+            words = f" ({'; '.join(places)})" if places else ""
+            out.append(replace(item, message=item.message + words))
         if len(items) > _MOST_PER_KEY:
             more = f"and {len(items) - _MOST_PER_KEY} more like these"
             out.append(Finding(at, more, error))

@@ -201,6 +201,10 @@ class KindChecks:
         """
         return (*path[:-1], key)
 
+    def places(self, finding: Finding) -> Mapping[str, str]:
+        """Return the places of trays and pallets in which parts of a finding are, by part."""
+        return {}
+
     def fits(self) -> tuple[FittedPart, ...]:
         """Return the fits of parts at their places, in the order of the steps."""
         return ()

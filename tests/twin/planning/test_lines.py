@@ -18,7 +18,8 @@ from tests.planted import rows
 from tests.twin.written import loaded, refusal
 from twin.audits.expectations import scenario_expectations
 from twin.document.validation import InvalidScenarioError
-from twin.kinds.parts.line import source_places, write_out_line
+from twin.kinds.parts.line import write_out_line
+from twin.kinds.parts.ordered_places import source_places
 from twin.kinds.parts.section import PartsSection
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.sections.kind import assembly_kind
@@ -110,7 +111,8 @@ def test_a_stack_is_taken_from_above(tmp_path: Path) -> None:
     }
     own = scenario(tmp_path, source={"bolts": stack}, products={"count": 3})
     assembly = assembly_section(own, PartsSection)
-    heights = [at[2, 3] for at in source_places(assembly.sources["bolts"])]
+    places = source_places(assembly, assembly.parts[1])
+    heights = [at[2, 3] for at in places.poses]
     assert np.allclose(heights, [0.135, 0.105, 0.075])
     line = write_out_line(assembly)
     assert line.period == line.products

@@ -15,7 +15,7 @@ from planning.parts.assembly import TimeLag
 from planning.parts.supply import Leaving, Supply
 from planning.tasks.refill import PlacedPart, Refill
 from planning.tasks.task import TaskKind
-from planning.transforms import Transform, read_only_copy, translation
+from planning.transforms import Transform, read_only_copy
 from scheduling.copies import product_part_name
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
@@ -29,20 +29,16 @@ from twin.kinds.parts.batches import (
 )
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.changeovers import find_changeovers
+from twin.kinds.parts.ordered_places import pallet_places, source_places
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
-from twin.kinds.parts.sources import (
-    ConveyorSection,
-    SourceSection,
-    StackSection,
-    TraySection,
-)
+from twin.kinds.parts.sources import ConveyorSection, SourceSection
 from twin.kinds.statics import JoinedSection
 from twin.scenario.sections.shapes import PoseSection
 
 Pair = TypeVar("Pair", JoinedSection, FitSection)
 
 OUTFEED = "outfeed"
-"""Name of the machine that takes products away."""
+"""Name of the machine that takes products away where the file names none."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +115,7 @@ class Line:
         jobs: jobs of steps without robots, by step number from 1.
         changeover_times: durations of the changeovers.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
+        places: what the place of each part in a tray or a stack is called.
     """
 
     section: PartsSection
@@ -131,6 +128,7 @@ class Line:
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
     changeover_times: tuple[SkillOverride, ...] = ()
     alike: tuple[AlikeParts, ...] = ()
+    places: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def lags(self) -> Mapping[int, tuple[TimeLag, ...]]:
@@ -190,41 +188,38 @@ def _has_line(section: PartsSection) -> bool:
 
 def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
     """Return the durations of machine tasks."""
-    found: list[tuple[str, str, AnyDuration]] = []
+    found: list[tuple[str, str, str | None, AnyDuration]] = []
     for name, source in section.sources.items():
+        machine = feeding_machine(name, source)
         if isinstance(source, ConveyorSection):
-            found.append(("arrive", name, source.interval))
-            found.append(("present", feeding_machine(name, source), source.advance))
-        else:
-            found.append(("present", name, source.refill_time))
+            found.append(("arrive", name, None, source.interval))
+            found.append(("present", machine, None, source.advance))
+            continue
+        # Who serves several sources takes a time of its own for each of them.
+        kinds = [p.shape_words for p in section.parts if name in p.sources]
+        of = kinds if source.refill_by else [None]
+        found += [("present", machine, kind, source.refill_time) for kind in of]
     if section.products is not None:
-        found.append(("leave", OUTFEED, section.products.leave_time))
+        machine = section.products.leave_by or OUTFEED
+        found.append(("leave", machine, None, section.products.leave_time))
     line = write_out_line(section, whole=bool(section.changeovers))
     for own in line.lags.values():
         for lag in own:
             if lag.machine is not None:
-                found.append((TaskKind.LAG, lag.machine, Fixed(value_s=lag.least)))
+                least = Fixed(value_s=lag.least)
+                found.append((TaskKind.LAG, lag.machine, None, least))
     overrides = (
-        SkillOverride(skill=skill, robot=machine, duration=duration)
-        for skill, machine, duration in found
+        SkillOverride(skill=skill, robot=machine, object=kind, duration=duration)
+        for skill, machine, kind, duration in found
     )
     return (*overrides, *line.changeover_times)
 
 
 def feeding_machine(name: str, source: SourceSection) -> str:
     """Return the machine that delivers the next part."""
-    return f"{name}.end" if isinstance(source, ConveyorSection) else name
-
-
-def source_places(source: SourceSection) -> tuple[Transform, ...]:
-    """Return the places of parts in a full source, in the order of removal."""
-    pose = source.pose.transform()
-    if isinstance(source, TraySection):
-        return tuple(read_only_copy(pose @ at) for at in source.grid.places())
-    if isinstance(source, StackSection):
-        down = [translation(0.0, 0.0, -k * source.pitch_m) for k in range(source.count)]
-        return tuple(read_only_copy(pose @ at) for at in down)
-    return (read_only_copy(pose),)
+    if isinstance(source, ConveyorSection):
+        return f"{name}.end"
+    return source.refill_by or name
 
 
 class _Writer:
@@ -241,11 +236,17 @@ class _Writer:
         self.own = {
             variant: section.of_variant(variant) for variant in {*self.sequence, ""}
         }
-        self.slots = {
-            name: source_places(item) for name, item in section.sources.items()
+        # Of several sources that the same parts come from, the places are those of the first one.
+        first: dict[str, str] = {}
+        for name in section.taken:
+            for source in self.parts[name].sources[:1]:
+                first.setdefault(source, name)
+        self.lying = {
+            source: source_places(section, self.parts[first[source]])
+            for source in section.sources
+            if source in first
         }
-        grid = None if products is None else products.places
-        self.places = [translation(0.0, 0.0, 0.0)] if grid is None else grid.places()
+        self.places = pallet_places(section).poses
         every = whole or bool(self.sequence)
         self.period = self.products if every else self._period()
         own = [self._of(k).steps for k in range(1, self.period + 1)]
@@ -257,7 +258,9 @@ class _Writer:
         self.ends = [self.number[k, len(n) - 1] for k, n in enumerate(own, 1)]
 
     def _variant(self, product: int) -> str:
-        return self.sequence[product - 1] if self.sequence else ""
+        """Return the variant of a product; what comes beyond the last one is as at the beginning."""
+        known = self.sequence
+        return known[(product - 1) % len(known)] if known else ""
 
     def _of(self, product: int) -> PartsSection:
         """Return the section with the steps of a product."""
@@ -266,7 +269,7 @@ class _Writer:
     def _names(self, source: str, product: int) -> list[str]:
         """Return the parts of a product that come from a source, in the order in which they are taken."""
         taken = self._of(product).taken
-        return [name for name in taken if self.parts[name].source == source]
+        return [name for name in taken if self.parts[name].sources[:1] == (source,)]
 
     def line(self) -> Line:
         handled = set(self.section.placed)
@@ -274,21 +277,24 @@ class _Writer:
         later: set[str] = set()
         refills: dict[int, Refill] = {}
         numbers: dict[str, tuple[str, int]] = {}
-        sourced: list[str] = []
-        for source in self.section.sources:
-            size, taken = len(self.slots[source]), self._taken(source)
+        sourced: dict[str, str] = {}
+        for source, places in self.lying.items():
+            size, taken = len(places.poses), self._taken(source)
+            placed: list[PlacedPart] = []
             for q, (part, product) in enumerate(taken):
-                name = self._name(part, product)
-                parts.append(self._part(part, product, self.slots[source][q % size]))
-                if self.section.products is not None:
+                name, place = self._name(part, product), places.poses[q % size]
+                parts.append(self._part(part, product, place))
+                placed.append((name, place))
+                if self.section.products is not None or product > 1:
                     numbers[name] = part, product
-                sourced.append(name)
+                sourced[name] = places.words[q % size]
                 if q >= size:
                     later.add(name)
-                if q >= size and q % size == 0:
-                    refills[self._taken_in(*taken[q - 1])] = self._refill(
-                        source, taken[q : q + size]
-                    )
+            for q in range(size, len(placed)):
+                if q % size in places.begins:
+                    filled, own = places.begins[q % size]
+                    emptied = self._taken_in(*taken[q - size + own - 1])
+                    refills[emptied] = self._refill(filled, placed[q : q + own])
         for name in self.section.placed:
             if self.parts[name].source is None:
                 parts.append(self._part(name, 1, None))
@@ -342,6 +348,7 @@ class _Writer:
                 )
                 for item, duration in changeovers
             ),
+            places=sourced,
         )
 
     def _period(self) -> int:
@@ -349,7 +356,9 @@ class _Writer:
 
         It is all of them where the last batch is smaller than the others.
         """
-        shares = [(len(own), len(self._names(k, 1))) for k, own in self.slots.items()]
+        shares = [
+            (len(own.poses), len(self._names(k, 1))) for k, own in self.lying.items()
+        ]
         grids = (step.at.grid for step in self.section.steps if step.at)
         shares += [(grid.size, 1) for grid in grids if grid]
         batches = batch_unit(self.section)
@@ -360,29 +369,38 @@ class _Writer:
         return min(period, self.products)
 
     def _name(self, part: str, product: int) -> str:
-        own = self.section.products is not None and part in self.section.placed
+        numbered = self.section.products is not None or product > 1
+        own = numbered and part in self.section.placed
         return product_part_name(part, product) if own else part
 
     def _taken(self, source: str) -> list[tuple[str, int]]:
         """Return the parts that are taken from a source, each with its product, in their order.
 
-        They are those of the products that are written out, and those that fill the source at their end.
+        They are those of the products that are written out, and those that fill the source at their end, and
+        those below which others lie.
         """
+        places, size = self.lying[source], len(self.lying[source].poses)
         picked = (
             (self._of(product).steps[k].place or "", product)
             for group in self.order
             for product, k in group
         )
-        first = dict.fromkeys(picked)
-        found = [own for own in first if own[0] and self.parts[own[0]].source == source]
-        size = len(self.slots[source])
-        copies = -(-size // len(found)) if found else 0
-        more = (
-            (name, product + copy * self.period)
-            for copy in range(1, copies + 1)
-            for name, product in found
-        )
-        return [*found, *[own for own in more if own[1] <= self.products][:size]]
+        own = [
+            (name, product)
+            for name, product in dict.fromkeys(picked)
+            if name in self._names(source, product)
+        ]
+        found = list(own)
+        for shift in range(self.period, self.products, self.period):
+            if len(found) >= len(own) + size:
+                break
+            later = ((name, product + shift) for name, product in own)
+            found += [one for one in later if one[1] <= self.products]
+        most, more = min(len(own) + size, places.brought(len(found))), self.products
+        while found and len(found) < most:
+            more += 1
+            found += [(name, more) for name in self._names(source, more)]
+        return found[:most]
 
     def _taken_in(self, part: str, product: int) -> int:
         """Return the step that takes a part of a source, from 1."""
@@ -394,7 +412,9 @@ class _Writer:
         update: dict[str, object] = {"name": self._name(name, product)}
         if slot is not None:
             update |= {"source": None, "start": PoseSection.of(slot)}
-        if part.goal is not None:
+        if product > self.products:
+            update["goal"] = None
+        elif part.goal is not None:
             goal = part.goal.transform()
             place = self.places[(product - 1) % len(self.places)]
             update["goal"] = (
@@ -402,23 +422,20 @@ class _Writer:
             )
         return part.model_copy(update=update)
 
-    def _refill(self, source: str, taken: Sequence[tuple[str, int]]) -> Refill:
-        """Return the refill of an empty source with parts of products."""
-        parts: tuple[PlacedPart, ...] = tuple(
-            (self._name(*own), place)
-            for own, place in zip(taken, self.slots[source], strict=False)
-        )
+    def _refill(self, source: str, parts: Sequence[PlacedPart]) -> Refill:
+        """Return the refill of a source with parts."""
         section = self.section.sources[source]
         machine = feeding_machine(source, section)
         if isinstance(section, ConveyorSection):
-            return Refill(machine, parts, source, section.buffer)
-        return Refill(machine, parts)
+            return Refill(machine, tuple(parts), source, section.buffer)
+        return Refill(machine, tuple(parts))
 
     def _leaves(self) -> Iterator[tuple[int, Leaving]]:
         """Yield leaving objects with their steps."""
         together = len(self.places)
         if self.section.products is None or together > self.products:
             return
+        machine = self.section.products.leave_by or OUTFEED
         for last in range(together, self.period + 1, together):
             products = range(last - together + 1, last + 1)
             parts = tuple(
@@ -427,7 +444,7 @@ class _Writer:
                 for name in self._of(product).placed
             )
             done = max(self.ends[k - 1] for k in products)
-            yield done, Leaving(OUTFEED, parts)
+            yield done, Leaving(machine, parts)
 
     def _goal(self, name: str, product: int) -> Transform:
         goal = self._part(name, product, None).goal

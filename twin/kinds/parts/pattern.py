@@ -17,9 +17,10 @@ from twin.kinds.parts.line import Line
 
 def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
     """Return the repetition pattern of a line's plan, from its tasks in order."""
+    # What is brought for the next copy comes if there is one, whichever of its products needs it first.
     product = np.array(
         [
-            line.numbers[str(task.object)][1]
+            min(line.numbers[str(task.object)][1], line.period + 1)
             if task.kind in (TaskKind.ARRIVE, TaskKind.PRESENT)
             else line.origins[task.step - 1][0]
             for task in tasks

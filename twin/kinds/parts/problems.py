@@ -9,11 +9,12 @@ import networkx as nx
 
 from twin.document.validation import Problems, check_known_name, unknown_name
 from twin.document.yaml_text import KeyPath
+from twin.durations.composed import AnyDuration
 from twin.kinds.parts.alike import find_alike_problems
 from twin.kinds.parts.batches import batch_problems
 from twin.kinds.parts.line import OUTFEED, Line, feeding_machine
-from twin.kinds.parts.section import PartsSection, StepSection
-from twin.kinds.parts.sources import VariantSection
+from twin.kinds.parts.section import PartSection, PartsSection, StepSection
+from twin.kinds.parts.sources import ConveyorSection, VariantSection
 from twin.kinds.statics import check_distinct_ends
 from twin.scenario.sections.cell import CellSection
 
@@ -209,18 +210,27 @@ def _check_order(section: PartsSection, names: dict[str, int]) -> Problems:
 def _check_line(section: PartsSection) -> Problems:
     """Yield unknown sources of parts, and unused sources."""
     placed, sources = set(section.placed), tuple(section.sources)
-    used = {part.source for part in section.parts}
+    used: dict[str, PartSection] = {}
     for i, part in enumerate(section.parts):
         at: KeyPath = ("assembly", "parts", i)
-        none = f"there is no source {part.source!r}: give sources one"
         own = (*at, "source")
-        yield from check_known_name(own, "source", part.source, sources, none)
-        if part.source in sources and part.name not in placed:
-            words = f"so nothing comes from {part.source}"
+        for name in part.sources:
+            none = f"there is no source {name!r}: give sources one"
+            yield from check_known_name(own, "source", name, sources, none)
+            first = used.setdefault(name, part)
+            if first.sources != part.sources:
+                words = f"{first.name} comes from {' and '.join(first.sources)}"
+                yield own, f"{words}: what shares {name} must name the same sources"
+            if part.sources.count(name) > 1:
+                yield own, f"{name} is named twice: name each source once"
+                break
+        if {*part.sources} & {*sources} and part.name not in placed:
+            words = f"so nothing comes from {' and '.join(part.sources)}"
             yield own, f"no step places {part.name}, {words}"
         elif part.source is None and section.products and part.name in placed:
             words = "and is needed for every product: let it come from a source"
             yield (*at, "start"), f"{part.name} lies there once, {words}"
+    yield from _check_carriers(section)
     for name in sources:
         if name not in used:
             words = f"no part comes from the source {name!r}"
@@ -228,6 +238,35 @@ def _check_line(section: PartsSection) -> Problems:
     if section.order == "find" and (sources or section.products):
         words = "are taken in the order of the steps: list them in that order"
         yield ("assembly", "order"), f"parts of sources {words}"
+
+
+def _carriers(section: PartsSection) -> dict[str, KeyPath]:
+    """Return who brings and takes away for several, each with the key that names it first."""
+    found: dict[str, KeyPath] = {}
+    for name, source in section.sources.items():
+        if not isinstance(source, ConveyorSection) and source.refill_by:
+            at: KeyPath = ("assembly", "sources", name, "refill_by")
+            found.setdefault(source.refill_by, at)
+    if section.products is not None:
+        own = section.products.leave_by or OUTFEED
+        at = ("assembly", "products", *(["leave_by"] if own != OUTFEED else []))
+        found.setdefault(own, at)
+    return found
+
+
+def _check_carriers(section: PartsSection) -> Problems:
+    """Yield sources for which one carrier takes different times though they give parts of one kind."""
+    times: dict[tuple[str, str], tuple[str, AnyDuration]] = {}
+    for name, source in section.sources.items():
+        if isinstance(source, ConveyorSection) or source.refill_by is None:
+            continue
+        for part in section.parts:
+            key, own = (source.refill_by, part.shape_words), source.refill_time
+            if name in part.sources and times.setdefault(key, (name, own))[1] != own:
+                key_of = "refill_s" if source.refill is None else "refill"
+                words = f"for {times[key][0]}, of the same parts, {source.refill_by} takes another time"
+                yield ("assembly", "sources", name, key_of), f"{words}: give both one"
+                break
 
 
 def _check_variants(section: PartsSection) -> Problems:
@@ -306,9 +345,12 @@ def _check_changeovers(
 
 def machine_names(section: PartsSection) -> Problems:
     """Yield the names of machines, each with its key."""
+    carriers = _carriers(section)
     for name, source in section.sources.items():
         at: KeyPath = ("assembly", "sources", name)
-        for machine in dict.fromkeys((name, feeding_machine(name, source))):
+        machine = feeding_machine(name, source)
+        yield at, name
+        if machine != name and machine not in carriers:
             yield at, machine
     for name in section.machines:
         yield ("assembly", "machines", name), name
@@ -322,14 +364,18 @@ def machine_names(section: PartsSection) -> Problems:
     for i, item in enumerate(section.changeovers):
         if item.chain != item.machine:
             yield ("assembly", "changeovers", i), item.chain
-    if section.products is not None:
-        yield ("assembly", "products"), OUTFEED
+    yield from ((at, name) for name, at in carriers.items())
 
 
 def disturbed_machines(section: PartsSection) -> Iterator[str]:
     """Yield the names of the machines that may be disturbed, without unattended processes."""
+    served = {
+        name
+        for name, source in section.sources.items()
+        if feeding_machine(name, source) in _carriers(section)
+    }
     for at, machine in machine_names(section):
-        if at[1] not in ("processes", "steps"):
+        if at[1] not in ("processes", "steps") and machine not in served:
             yield machine
 
 

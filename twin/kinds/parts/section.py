@@ -118,7 +118,8 @@ class PartSection(ShapedSection):
         name: unique in the scenario.
         start: pose of the frame of its shape in the world at the start, unless it comes from a
             source; of a box, its centre.
-        source: name of the source that it is taken from.
+        source: name of the source that it is taken from; of several, the first is emptied before the next
+            one is begun, and so on in turns.
         goal: pose of that frame once it is in place; a part without one stays where it is.
         count: how many there are that are alike; as many as ``starts`` has places, or ``goals`` where
             they come from a source, when not given.
@@ -141,7 +142,7 @@ class PartSection(ShapedSection):
 
     name: Name
     start: PoseSection | None = None
-    source: Name | None = None
+    source: Name | Several[Name] | None = None
     goal: PoseSection | None = None
     count: Amount | None = None
     starts: Places | None = None
@@ -170,6 +171,12 @@ class PartSection(ShapedSection):
             words = f"{key} is of one part, and this says of several: give {key}s"
             raise ValueError(words)
         return self
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The sources that it comes from, in their order."""
+        own = self.source or ()
+        return (own,) if isinstance(own, str) else own
 
     @property
     def several(self) -> bool:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
-from planning.transforms import Transform, read_only_copy, translation
-from twin.document.section import Name, PairOf, Section, Several, with_tuples
+from planning.transforms import Array, Transform, read_only_copy, translation
+from twin.document.section import Name, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
@@ -27,38 +28,122 @@ Count = Annotated[int, Field(ge=1, le=100)]
 Amount = Annotated[int, Field(ge=1, le=1000)]
 Pitch = Annotated[float, Field(ge=-100, le=100)]
 
+_MOST_PLACES = 10_000
+"""Most places of a grid."""
+
+_NEAR = 6
+"""Decimals to which places are equally far along a direction [m]."""
+
 
 class GridSection(Section):
-    """Places in rows and columns.
+    """Places in rows and columns, and in layers above each other.
+
+    A place has a number from 1: along x first, then along y, then from the lowest layer up.
 
     Attributes:
-        counts: how many places along x, and how many along y.
-        pitch_m: from one place to the next along x, and along y.
+        counts: how many places along x, how many along y, and how many layers; one layer when not given.
+        pitch_m: from one place to the next along x, along y, and from one layer up to the next.
+        order: order within a layer: ``rows`` along x first, ``columns`` along y first. Trays are emptied from
+            the top layer down, all else is filled from the lowest layer up. ``clear``, of trays and pallets: what
+            is last along the way of a part (``take_out``, ``insert``) comes first; where that is equal, trays are
+            emptied from the side of the tool (``grips.directions``), and pallets are filled towards it. Or the
+            numbers of all places, in their order.
     """
 
-    counts: PairOf[Count]
-    pitch_m: PairOf[Pitch]
+    counts: Annotated[tuple[Count, ...], Field(min_length=2, max_length=3)]
+    pitch_m: Annotated[tuple[Pitch, ...], Field(min_length=2, max_length=3)]
+    order: Literal["rows", "columns", "clear"] | Several[int] = "rows"
+
+    @model_validator(mode="after")
+    def _check_places(self) -> GridSection:
+        if len(self.counts) != len(self.pitch_m):
+            raise ValueError(
+                f"counts has {len(self.counts)} entries, and pitch_m {len(self.pitch_m)}: give one for each"
+            )
+        if self.size > _MOST_PLACES:
+            raise ValueError(f"{self.size} places: there may be {_MOST_PLACES}")
+        for axis, count, pitch in zip("xyz", self.counts, self.pitch_m, strict=False):
+            if count > 1 and pitch == 0.0:
+                raise ValueError(f"{count} places along {axis} need a pitch_m, not 0")
+            if axis == "z" and pitch < 0.0:
+                words = "layers are counted from the lowest up"
+                raise ValueError(f"{words}: pitch_m along z must be positive")
+        numbers = self.order if isinstance(self.order, tuple) else ()
+        if numbers and sorted(numbers) != [*range(1, self.size + 1)]:
+            words = f"order must have every number from 1 to {self.size} once"
+            raise ValueError(f"{words}, or be rows, columns or clear")
+        return self
 
     @property
     def size(self) -> int:
         """Number of places."""
-        return self.counts[0] * self.counts[1]
+        return int(np.prod(self.counts))
+
+    def by_number(self) -> list[Transform]:
+        """Return the places by their numbers."""
+        (nx, ny, nz), (dx, dy, dz) = (*self.counts, 1)[:3], (*self.pitch_m, 0.0)[:3]
+        return [
+            translation(i * dx, j * dy, k * dz)
+            for k in range(nz)
+            for j in range(ny)
+            for i in range(nx)
+        ]
+
+    def numbers(
+        self,
+        pose: Transform | None = None,
+        directions: Sequence[Array] = (),
+        *,
+        emptied: bool = False,
+    ) -> list[int]:
+        """Return the numbers of the places, from 0, in the order in which they are filled or emptied.
+
+        Args:
+            pose: of the grid in the world, for ``clear``.
+            directions: in the world, shape (3,), for ``clear``: what is farther along the first of them comes
+                first, of what is equally far along that what is farther along the next.
+            emptied: whether they are emptied, the top layer first.
+        """
+        if isinstance(self.order, tuple):
+            return [number - 1 for number in self.order]
+        number = np.arange(self.size)
+        row, layer = number // self.counts[0], number // np.prod(self.counts[:2])
+        if self.order == "clear" and pose is not None:
+            points = np.array([(pose @ at)[:3, 3] for at in self.by_number()])
+            far = [np.round(points @ way, _NEAR) for way in directions]
+            keys = number, *(-own for own in reversed(far))
+        else:
+            column = number % self.counts[0] if self.order == "columns" else 0 * number
+            keys = row, column, -layer if emptied else layer
+        return [int(k) for k in np.lexsort(keys)]
 
     def places(self) -> list[Transform]:
-        """Return the places, along x first."""
-        (nx, ny), (dx, dy) = self.counts, self.pitch_m
-        at = ((i * dx, j * dy) for j in range(ny) for i in range(nx))
-        return [translation(x, y, 0.0) for x, y in at]
+        """Return the places in the order in which they are filled."""
+        poses = self.by_number()
+        return [poses[number] for number in self.numbers()]
+
+    def words(self, number: int) -> str:
+        """Return what a place is called, by its number from 0."""
+        layer = number // (self.counts[0] * self.counts[1]) + 1
+        return f"place {number + 1}" + (f" in layer {layer}" if self.counts[2:] else "")
 
 
 class PlacesSection(PoseSection):
-    """A pose, or places in rows and columns, the first of which is there.
+    """A pose, or places in rows, columns and layers, the first of which is there.
 
     Attributes:
-        grid: the places, in the frame of the pose, along x first; the pose alone when not given.
+        grid: the places, in the frame of the pose; the pose alone when not given.
     """
 
     grid: GridSection | None = None
+
+    @model_validator(mode="after")
+    def _order_is_of_one_part(self) -> PlacesSection:
+        if self.grid is not None and self.grid.order == "clear":
+            raise ValueError(
+                "order clear is of trays and pallets: write rows, columns or numbers"
+            )
+        return self
 
     def places(self) -> list[Transform]:
         """Return the places in the world."""
@@ -87,14 +172,17 @@ class _Refilled(Section):
     """What sources have in common that are filled again once they are empty.
 
     Attributes:
-        pose: of the centre of the part that is taken first.
+        pose: of the centre of the part that is taken first; of a tray, of place 1.
         refill_s: time from when the last part has been taken until the next is there.
         refill: distribution of that time, in place of ``refill_s``.
+        refill_by: name of who brings it, such as a vehicle or a person; who is named by several sources, or by
+            ``products.leave_by``, does one after another, in the order of the plan.
     """
 
     pose: PoseSection
     refill_s: Seconds = 0.0
     refill: AnyDuration | None = None
+    refill_by: Name | None = None
 
     not_both = (("refill_s", "refill"),)
 
@@ -119,7 +207,7 @@ class TraySection(_Refilled):
 
     Attributes:
         kind: ``tray``.
-        grid: the places in it, in the frame of ``pose``, along x first.
+        grid: the places in it, in the frame of ``pose``.
     """
 
     kind: Literal["tray"]
@@ -261,6 +349,7 @@ class ProductsSection(Section):
             given.
         leave_s: time until a finished product, or a full pallet, is gone.
         leave: distribution of that time, in place of ``leave_s``.
+        leave_by: name of who takes it away, as ``refill_by`` of sources.
         due: when they are due: the first and the time between two, or one time a product.
         start_up: products at the beginning that do not count for throughput and takt; a tenth
             when not given.
@@ -279,6 +368,7 @@ class ProductsSection(Section):
     in_progress: Annotated[int, Field(ge=1, le=100)] | None = None
     leave_s: Seconds = 0.0
     leave: AnyDuration | None = None
+    leave_by: Name | None = None
     due: DueSection | Several[Seconds] | None = None
     start_up: Annotated[int, Field(ge=0, le=100_000)] | None = None
 

@@ -9,7 +9,7 @@ from planning.contacts.interference import Overlaps
 from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import spot_pose
 from planning.transforms import Array, Transform
-from twin.checks.finding import Findings, name_in_file
+from twin.checks.finding import Finding, Findings, name_in_file
 from twin.checks.ignored_contacts import check_ignored_contacts
 from twin.checks.meshes import check_meshes
 from twin.checks.placements import (
@@ -50,6 +50,8 @@ from twin.kinds.parts.checks.places import (
 from twin.kinds.parts.checks.reach import check_part_reach
 from twin.kinds.parts.checks.windows import check_due_times, check_windows
 from twin.kinds.parts.fits import KnownFit, known_fits
+from twin.kinds.parts.line import write_out_line
+from twin.kinds.parts.ordered_places import pallet_places
 
 
 class PartChecks(PartsContext):
@@ -161,11 +163,25 @@ class PartChecks(PartsContext):
             number = path[2]
             assert isinstance(number, int)
             part = self.section.parts[number]
-            if key == "start" and part.source is not None:
-                return ("assembly", "sources", part.source, "pose")
+            if key == "start" and part.sources[1:]:
+                return ("assembly", "parts", number, "source")
+            if key == "start" and part.sources:
+                return ("assembly", "sources", part.sources[0], "pose")
             if part.several and key in ("start", "goal"):
                 key += "s"
         return super().key_at(path, key)
+
+    def places(self, finding: Finding) -> Mapping[str, str]:
+        """Return the places in which the parts of a finding lie, or to which they go."""
+        line = write_out_line(self.section)
+        found = line.places
+        if finding.at[-1] in ("goal", "goals"):
+            words = pallet_places(self.section).words
+            numbers = {name: product for name, (_, product) in line.numbers.items()}
+            found = {k: words[(n - 1) % len(words)] for k, n in numbers.items()}
+        elif finding.at[-1] != "source" and finding.at[1:2] != ("sources",):
+            found = {}
+        return {name: found[name] for name in finding.parts if found.get(name)}
 
     def fits(self) -> tuple[KnownFit, ...]:
         """Return the fits of parts at their places, in the order of the steps."""

@@ -197,13 +197,20 @@ def _no_room(
 ) -> Finding:
     """Return the finding on a part without room: an error at ``pitch_m`` where its source puts parts too close together."""
     at, remedy = subject.thing_at(name, key), "move one of the two"
-    sources = {part.name: part.source for part in parts.section.parts}
+    sources = {
+        part.name: part.source
+        for part in parts.section.parts
+        if isinstance(part.source, str)
+    }
     own, other = (sources.get(name_in_file(n, sources)) for n in (name, neighbour))
     source = parts.section.sources.get(own or "")
     in_source = key == "start" and own == other and source is not None
     if in_source:
         pitch = ("grid", "pitch_m") if isinstance(source, TraySection) else ("pitch_m",)
-        at, remedy = ("assembly", "sources", str(own), *pitch), "give a larger pitch_m"
+        at, remedy = (
+            ("assembly", "sources", str(own), *pitch),
+            "give a larger pitch_m or another order",
+        )
     where = "where it lies" if key == "start" else "in its place"
     return Finding(
         at,
