@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -263,8 +262,7 @@ def operate(
 
 def _products_of(steps: Iterable[int], kind: AssemblyKind) -> set[int]:
     """Return the products of some steps, from 1; empty for one product."""
-    ends = kind.product_ends()
-    return {bisect_left(ends, step) + 1 for step in steps} if len(ends) > 1 else set()
+    return set() if kind.products() == 1 else set(map(kind.product_of, steps))
 
 
 def _with_products(

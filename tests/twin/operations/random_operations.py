@@ -30,6 +30,7 @@ from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operations.operated import STACK, operated, planned
 from tests.twin.operations.reworked import BIN, REWORKED, with_crate
+from tests.twin.scenarios.ovens import OVEN
 from tests.twin.scenarios.tool_line import AT_RACKS, tool_line
 from twin.operations.operation import Operation
 from twin.runs.events import Event
@@ -128,6 +129,7 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
         lambda: tool_line(Path(tempfile.mkdtemp(prefix="railed-"))) + AT_RACKS,
         {"assembly.products": {"count": 2, "spare": 1, "in_progress": 2}},
     ),
+    "oven": (lambda: OVEN, {}),
     "truss": (lambda: _shipped("assembly/truss"), {}),
     "tower": (
         lambda: _shipped("construction/tower"),

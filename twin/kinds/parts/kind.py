@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +23,7 @@ from twin.kinds.parts.alike import (
     listed_steps,
     with_named_parts,
 )
+from twin.kinds.parts.batches import batch_sizes, order_in_batches
 from twin.kinds.parts.line import Line, machine_durations, write_out_line
 from twin.kinds.parts.problems import (
     disturbed_machines,
@@ -86,15 +87,35 @@ class PartKind(AssemblyKind):
         products = self.section.products
         if products is None or not self.whole:
             return self.steps()
-        return self.product_ends()[products.count - 1]
+        return self.product_ends()[min(products.count, len(self.product_ends())) - 1]
 
     def product_ends(self) -> Sequence[int]:
-        """Return the number of the last step of each product."""
+        """Return the number of the last step of each product; of all together where batches interleave them."""
+        if self._order:
+            return (len(self._order),)
         steps = {k: self.section.steps_of(k) for k in self.variants()}
         if steps:
             return list(accumulate(len(steps[k]) for k in self.variants()))
         count = len(listed_steps(self.section))
         return range(count, count * self.products() + 1, count)
+
+    def product_of(self, step: int) -> int:
+        """Return the product of a step of all products, both from 1; of a batch, that of its last part."""
+        order = self._order
+        return order[step - 1][-1][0] + 1 if order else super().product_of(step)
+
+    @cached_property
+    def _order(self) -> Sequence[Sequence[tuple[int, int]]]:
+        """Products and their steps, from 0, in the order in which they are done; empty without batches."""
+        if not (sizes := batch_sizes(self.section)):
+            return ()
+        section, variants = self.section, self.variants() or [""] * self.products()
+        steps, own = (
+            listed_steps(section),
+            {k: section.steps_of(k) for k in {*variants}},
+        )
+        listed = {k: [section.steps[n] for n in steps if n in own[k]] for k in own}
+        return order_in_batches([listed[k] for k in variants], sizes)
 
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product, spare ones included if expanded; empty without variants."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, Self, get_args
@@ -167,6 +168,10 @@ class AssemblyKind(Protocol):
     def product_ends(self) -> Sequence[int]:
         """Return the number of the last step of each product."""
         return (self.steps(),)
+
+    def product_of(self, step: int) -> int:
+        """Return the product of a step, both from 1."""
+        return bisect_left(self.product_ends(), step) + 1
 
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product; empty where all are equal."""
