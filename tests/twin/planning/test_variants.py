@@ -164,7 +164,8 @@ def test_what_refers_to_steps_of_other_variants_does_not_count(tmp_path: Path) -
     short, long = own.of_variant("short"), own.of_variant("long")
     assert [[x.step for x in step.follows] for step in short.steps] == [[], ["carrier"]]
     assert short.steps[1].until is None
-    assert short.joined == short.fits == ()
+    assert not short.joined
+    assert not short.fits
     assert [[x.step for x in step.follows] for step in long.steps][2] == [
         "nut",
         "carrier",
