@@ -174,8 +174,8 @@ def drawn_values(name: str, seed: int) -> Values:
         values[f"failures.{skill}"] = _failure(draw, skill, case.sections.processes)
     if name.startswith("rejecting"):
         line = name.endswith("line")
-        names = ["milled"] if line else ["first", "second", "third"]
-        values["failures.inspect"] |= _rejects(np.random.default_rng(seed), names)
+        works = ["milled"] if line else ["first", "second", "third"]
+        values["failures.inspect"] |= _rejects(np.random.default_rng(seed), works)
     values["recovery.again"] = int(draw.integers(0, 4))
     values["recovery.planning_s"] = float(draw.choice([0.0, 1.0, 8.0]))
     values["latency_s"] = float(draw.choice([0.0, 0.0, 0.05, 0.5]))

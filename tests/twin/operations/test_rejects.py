@@ -29,6 +29,7 @@ from tests.twin.operations.reworked import BIN, REWORKED, with_crate
 from tests.twin.operations.test_kinds import works_of
 from tests.twin.written import refusal, written
 from twin.operations.operation import Operation
+from twin.scenario.sections.kind import assembly_kind
 from twin.studies.folder import StudyRequest
 from twin.trial.plan_result import PlanResult
 
@@ -90,14 +91,17 @@ def test_a_person_is_asked_once_it_has_been_done_again_often_enough(
 ) -> None:
     own = {"times": 1, "then": "ask"}
     ask = {"recovery.ask": {"answer_s": 5, "times": 1}}
-    values = {"failures.inspect": {**NEVER, "then": "rework", "rework": own}, **ask}
+    values: dict[str, Any] = {
+        "failures.inspect": {**NEVER, "then": "rework", "rework": own},
+        **ask,
+    }
     done, _ = operated(rejecting, 1, **values)
     assert [a.step for a in done.asks] == [6]
     assert len(tasks_of(done, TaskKind.FAILED)) == 4, (
         "two before the answer, two after it"
     )
     # With scrap nobody is asked, though there is somebody.
-    values["failures.inspect"]["rework"] = {"times": 1}
+    values["failures.inspect"] = {**NEVER, "then": "rework", "rework": {"times": 1}}
     done, _ = operated(rejecting, 1, **values)
     assert done.asks == ()
     assert len(tasks_of(done, TaskKind.FAILED)) == 2
@@ -315,7 +319,8 @@ def test_every_product_ends_whole_or_scrapped(tmp_path: Path, seed: int) -> None
     values = drawn_values("rejecting in a line", seed)
     done, _ = operated(plan, seed, **values)
     whole = set(done.tpg.products.tolist()) - {0}
-    steps = len(plan.scenario.sections.assembly.steps)
+    kind = assembly_kind(plan.scenario.sections.assembly).written_out()
+    steps = kind.steps() // (wanted + spare)
     begun = {(k - 1) // steps + 1 for k in {t.step for t in done.tpg.tasks}}
     assert whole.isdisjoint(done.scrapped)
     assert {*whole, *done.scrapped} <= set(range(1, wanted + spare + 1))

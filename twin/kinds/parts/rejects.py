@@ -18,9 +18,16 @@ def find_reject_problems(
         yield from check_known_name((*at, "fixture"), "fixture", name, known)
         if any(robot.tools for robot in cell.robots):
             yield at, "robots that change tools put nothing into a bin (valid: person)"
+    variants = section.products.variants if section.products else {}
+    made = [section.of_variant(variant) for variant in variants] or [section]
     for skill, said in execution.failures.items():
-        checks = [k for k, step in enumerate(section.steps) if step.process == skill]
-        again = (name for k in checks for name in _done_again(section, k))
+        again = (
+            name
+            for own in made
+            for k, step in enumerate(own.steps)
+            if step.process == skill
+            for name in _done_again(own, k)
+        )
         valid = tuple(dict.fromkeys(again))
         for i, name in enumerate(said.named):
             if name not in valid:
