@@ -233,6 +233,7 @@ def operate(
         makespan_ns=makespan,
         standstills=used(times.standstills),
         stops_ns=used(times.stopped_until(makespan)),
+        stopped_by_code_ns=used(times.stopped_by_code(makespan)),
         failed_nodes=(-1,) * len(executed.chains),
         failure="; ".join([*ended, *reasons] if outcome != "completed" else []),
         raised_skills=times.raised,

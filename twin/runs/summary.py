@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -56,8 +56,7 @@ def summarize_run(
     scenario: str,
     header: RunHeader = _UNKNOWN,
     audit: Mapping[str, Any] | None = None,
-    due_s: Sequence[float] = (),
-    start_up: int | None = None,
+    *orders: Any,
 ) -> dict[str, Any]:
     """Return the figures of a run, with the keys of ``summary.json``.
 
@@ -68,8 +67,8 @@ def summarize_run(
         header: header of the run. If it has no makespan of sequential execution, that is computed
             from the same nodes with the same durations, one robot at a time.
         audit: findings of the audit, None if there was none.
-        due_s: when each product is due, where there are several [s].
-        start_up: products at the beginning that do not count for throughput and takt.
+        orders: of several products what the hook ``line`` asks: due times, start-up, variants, and numbers of
+            those that were scrapped.
     """
     robots = [k for k in range(len(tpg.chains)) if k not in tpg.machine_chains()]
     completed = run.outcome == "completed"
@@ -97,7 +96,7 @@ def summarize_run(
         "assignment_search": header.assignment_search,
     }
     if "line" in HOOKS:
-        further["line"] = HOOKS.load("line")(tpg, run, due_s, start_up)
+        further["line"] = HOOKS.load("line")(tpg, run, *orders)
     return {
         "scenario": scenario,
         "seed": run.seed,
@@ -263,10 +262,15 @@ def summary_rows(
     else:
         rows.append(("ended after", f"{makespan:.2f} s", ""))
     rows += _line_rows(summary.get("line"))
+    workers = (summary.get("line") or {}).get("workers", {})
     for robot, seconds in summary["wait_s"].items():
+        if robot in workers:
+            continue
         share = f"{100 * seconds / makespan:.1f} % of the time" if makespan > 0 else ""
         rows.append((f"wait of {robot}", f"{seconds:.2f} s", share))
     for name, own in summary.get("machines", {}).items():
+        if name in workers:
+            continue
         down = f", down for {own['down_s']:.2f} s" if own["down_s"] else ""
         share = f"{100 * own['utilisation']:.1f} % of the time{down}"
         rows.append((f"{name} with a part", f"{own['busy_s']:.2f} s", share))
@@ -342,6 +346,20 @@ def _line_rows(line: Mapping[str, Any] | None) -> list[tuple[str, str, str]]:
     if due := line["due"]:
         worst = f"lateness at most {due['greatest_lateness_s']:+.2f} s"
         rows.append(("late products", str(due["late"]), worst))
+    for name, own in line.get("variants", {}).items():
+        known = [
+            (own["service_level"], "in time"),
+            (own["first_pass_yield"], "first pass"),
+        ]
+        words = ", ".join(
+            f"{100 * x:.1f} % {what}" for x, what in known if x is not None
+        )
+        rows.append((f"variant {name}", str(own["products"]), words))
+    for name, own in line.get("workers", {}).items():
+        shares = sorted(own["states"].items(), key=lambda item: -item[1])
+        words = ", ".join(f"{what} {100 * share:.1f} %" for what, share in shares[:3])
+        oee = "-" if own["oee"] is None else f"OEE {100 * own['oee']:.1f} %"
+        rows.append((f"time of {name}", oee, words))
     return rows
 
 

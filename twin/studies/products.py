@@ -2,41 +2,105 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from planning.transforms import Array
-from twin.durations.nanoseconds import NANOSECONDS
-from twin.studies.replications.block_results import ProductTimes, cell_part
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.scenario.sections.kind import StartUp, assembly_kind
+from twin.scenario.sections.scenario import Scenario
+from twin.studies.replications.block_results import cell_part
 from twin.studies.replications.statistics import (
     Figures,
-    Interval,
     SummaryEntry,
     mean_interval,
     share_interval,
 )
-from twin.throughput.throughput import line_figures, start_up_of, takts_s
-
-Due = tuple[tuple[float, ...], int | None]
-"""Due time of each product [s], and number of start-up products."""
+from twin.throughput.states import STATES, WorkerTimes, worker_chains
+from twin.throughput.throughput import (
+    ProductTimes,
+    due_of_places,
+    line_figures,
+    mean_known,
+    products_of_variants,
+    seconds,
+    settled_start_up,
+    takts_s,
+)
 
 _QUANTILES = (0.5, 0.9, 0.99)
+
+
+class Orders(NamedTuple):
+    """Products that are ordered.
+
+    Attributes:
+        due_s: when each is due [s]; empty where none is.
+        start_up: number at the beginning that does not count, see ``settled_start_up``.
+        variants: the variant of each; empty where all are the same.
+    """
+
+    due_s: tuple[float, ...] = ()
+    start_up: StartUp = None
+    variants: tuple[str, ...] = ()
+
+
+class WorkerSummary(Figures):
+    """Time of a robot or machine, over replications.
+
+    Attributes:
+        states: share of the time in each state that occurs.
+        availability, performance, quality: factors of its effectiveness; None where it never works.
+        oee: their product.
+    """
+
+    states: dict[str, SummaryEntry]
+    availability: SummaryEntry | None
+    performance: SummaryEntry | None
+    quality: SummaryEntry | None
+    oee: SummaryEntry | None
+
+
+class VariantSummary(Figures):
+    """Figures of the products of one variant.
+
+    Attributes:
+        products: how many are ordered.
+        throughput_per_h: products an hour.
+        takt_s: time from one completion to the next [s].
+        cycle_time_s: time from the begin of a product to its completion [s].
+        work_in_progress: products begun and not complete.
+        service_level: share of the ordered products that are complete when they are due.
+        lateness_s: mean time by which they are complete after they are due [s].
+        first_pass_yield: share of the products made that are complete without rework, with replanning.
+    """
+
+    products: int
+    throughput_per_h: SummaryEntry | None
+    takt_s: SummaryEntry | None
+    cycle_time_s: SummaryEntry | None
+    work_in_progress: SummaryEntry | None
+    service_level: SummaryEntry | None
+    lateness_s: SummaryEntry | None
+    first_pass_yield: SummaryEntry | None
 
 
 class DueSummary(Figures):
     """Lateness of products, over replications.
 
     Attributes:
-        late: share of products that are complete after they are due.
+        late: share of complete products that are complete after they are due.
+        service_level: share of the ordered products that are complete when they are due.
         any_late: share of replications in which one is.
         lateness_s: mean time by which they are [s].
         lateness_quantiles_s: its quantiles over all products, by ``p50``, ``p90``, ``p99`` [s].
     """
 
     late: SummaryEntry | None
+    service_level: SummaryEntry | None
     any_late: SummaryEntry
     lateness_s: SummaryEntry | None
     lateness_quantiles_s: dict[str, float]
@@ -55,6 +119,9 @@ class LineSummary(Figures):
         cycle_time_quantiles_s: its quantiles over all products [s].
         work_in_progress: products begun and not complete.
         due: lateness; None where nothing is due.
+        first_pass_yield: share of the products made that are complete without rework, with replanning.
+        workers: of robots and machines that work at parts, by name.
+        variants: figures of each variant; empty where all products are the same.
     """
 
     products: int
@@ -66,80 +133,141 @@ class LineSummary(Figures):
     cycle_time_quantiles_s: dict[str, float]
     work_in_progress: SummaryEntry | None
     due: DueSummary | None
+    first_pass_yield: SummaryEntry | None = None
+    workers: dict[str, WorkerSummary] = Field(default_factory=dict)
+    variants: dict[str, VariantSummary] = Field(default_factory=dict)
 
 
-def product_times(blocks: Path, cell: int) -> ProductTimes | None:
+def orders_of(scenario: Scenario) -> Orders:
+    """Return what a scenario orders."""
+    kind = assembly_kind(scenario.assembly)
+    return Orders(*kind.due(), kind.variants())
+
+
+def study_product_times(blocks: Path, cell: int) -> ProductTimes | None:
     """Return start and completion times of products in all replications of a cell.
 
-    None where there is only one product, or no replication completed.
+    None where there is only one product, or no replication came to its end.
     """
     found: ProductTimes | None = cell_part(blocks, cell, "products")
     return found if found is not None and found.product_end_ns.size else None
 
 
-def product_columns(times: ProductTimes, due_s: Sequence[float] = ()) -> dict[str, Any]:
-    """Return columns with one row per product: completion time, probability of lateness."""
-    begin = times.product_begin_ns / NANOSECONDS
-    end = times.product_end_ns / NANOSECONDS
-    count = len(end)
+def study_worker_times(
+    blocks: Path, cell: int, tpg: TemporalPlanGraph
+) -> dict[str, WorkerTimes]:
+    """Return the times of each robot and machine of a plan in the same replications, one worker each."""
+    found: WorkerTimes = cell_part(blocks, cell, "workers")
+    names = (tpg.chains[k].robot for k in worker_chains(tpg))
+    return {
+        name: WorkerTimes(found.state_ns[k : k + 1], found.planned_ns[k : k + 1])
+        for k, name in enumerate(names)
+    }
+
+
+def product_columns(times: ProductTimes, orders: Orders) -> dict[str, Any]:
+    """Return columns with one row per product: completion time, probability of lateness, variant."""
+    begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
+    count, due_s = len(end), due_of_places(orders.due_s, len(end))
     columns: dict[str, Any] = {
         "product": np.arange(1, count + 1),
-        "begin_mean_s": begin.mean(axis=1),
-        "end_mean_s": end.mean(axis=1),
-        "cycle_mean_s": (end - begin).mean(axis=1),
+        "begin_mean_s": mean_known(begin, axis=1),
+        "end_mean_s": mean_known(end, axis=1),
+        "cycle_mean_s": mean_known(end - begin, axis=1),
     }
+    if orders.variants:
+        columns["variant"] = list(orders.variants)
     for p in (5, 50, 95):
-        columns[f"end_p{p}_s"] = np.percentile(end, p, axis=1)
-    if len(due_s):
-        late = end - np.asarray(due_s)[:, None]
-        columns["due_s"] = np.asarray(due_s, dtype=float)
-        columns["lateness_mean_s"] = late.mean(axis=1)
-        columns["late"] = (late > 0).mean(axis=1)
+        known = (own[np.isfinite(own)] for own in end)
+        rows = [np.percentile(own, p) if len(own) else np.nan for own in known]
+        columns[f"end_p{p}_s"] = np.array(rows)
+    if orders.due_s:
+        late = end - due_s[:, None]
+        columns["due_s"] = due_s
+        columns["lateness_mean_s"] = mean_known(late, axis=1)
+        columns["late"] = mean_known(np.where(np.isfinite(late), late > 0, np.nan), 1)
     return columns
 
 
-def line_summary(times: ProductTimes, due: Due, confidence: float) -> LineSummary:
+def line_summary(
+    times: ProductTimes,
+    workers: dict[str, WorkerTimes],
+    orders: Orders,
+    confidence: float,
+    *,
+    operated: bool = False,
+) -> LineSummary:
     """Return the figures of a cell.
 
     Args:
         times: of its products.
-        due: when they are due, and which do not count.
+        workers: times of each robot and machine.
+        orders: what is ordered.
         confidence: of the intervals.
+        operated: whether replications replan, so that there may be rework and scrap.
     """
-    due_s, start_up = due
-    begin, end = times.product_begin_ns, times.product_end_ns
-    found = line_figures(begin, end, due_s, start_up)
-    takts = takts_s(end, start_up).ravel()
-    cycles = (end - begin)[start_up_of(len(end), start_up) :].ravel() / NANOSECONDS
+    start_up = settled_start_up(times, orders.start_up)
+    begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
+    found = line_figures(times, orders.due_s, start_up)
+    takts = takts_s(times.product_end_ns, start_up).ravel()
 
-    def mean(values: Array) -> Interval | None:
+    def mean(values: Array) -> SummaryEntry | None:
         known = values[np.isfinite(values)]
         return mean_interval(known, confidence=confidence) if len(known) else None
 
+    def passing(own: Any = ...) -> SummaryEntry | None:
+        made = int(times.products_made[own].sum())
+        passed = int(times.products_passed[own].sum())
+        if not operated or not made:
+            return None
+        return share_interval(passed, made, confidence=confidence)
+
     lateness = None
-    if len(due_s):
-        after = end / NANOSECONDS - np.asarray(due_s)[:, None]
+    if orders.due_s:
+        after = end - due_of_places(orders.due_s, len(end))[:, None]
         anyone = int(np.count_nonzero((after > 0).any(axis=0)))
         lateness = DueSummary(
             late=mean(found.late),
+            service_level=mean(found.in_time),
             any_late=share_interval(anyone, after.shape[1], confidence=confidence),
             lateness_s=mean(found.lateness_s),
             lateness_quantiles_s=_quantiles(after.ravel()),
         )
+    variants = {}
+    for name, own in products_of_variants(orders.variants, len(end)).items():
+        part = line_figures(times, orders.due_s, start_up, own)
+        variants[name] = VariantSummary(
+            products=int(own.sum()),
+            **{key: mean(values) for key, values in part.rates().items()},
+            service_level=mean(part.in_time),
+            lateness_s=mean(part.lateness_s),
+            first_pass_yield=passing(own),
+        )
     return LineSummary(
         products=len(end),
-        start_up=start_up_of(len(end), start_up),
-        throughput_per_h=mean(found.per_hour) if len(takts) else None,
-        takt_s=mean(found.takt_s) if len(takts) else None,
+        start_up=start_up,
+        **{key: mean(values) for key, values in found.rates().items()},
         takt_quantiles_s=_quantiles(takts),
-        cycle_time_s=mean(found.cycle_s),
-        cycle_time_quantiles_s=_quantiles(cycles),
-        work_in_progress=mean(found.in_progress),
+        cycle_time_quantiles_s=_quantiles((end - begin)[start_up:].ravel()),
         due=lateness,
+        first_pass_yield=passing(),
+        workers={
+            name: WorkerSummary(
+                states={
+                    state: mean(share)
+                    for state, share in zip(STATES, own.shares()[0], strict=True)
+                    if share.any()
+                },
+                **{k: mean(v[0]) for k, v in own.effectiveness(found.good).items()},
+            )
+            for name, own in workers.items()
+        },
+        variants=variants,
     )
 
 
 def _quantiles(values: Array) -> dict[str, float]:
+    values = values[np.isfinite(values)]
     if not len(values):
         return {}
     return {

@@ -18,7 +18,6 @@ from planning.transforms import Array
 from twin.audits.worlds.engines import engine_and_version, engine_named
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.runs.policies import OPEN_LOOP, PLAIN_POLICIES, preferred_policy
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.variations import (
     Variant,
     apply_variation,
@@ -27,7 +26,13 @@ from twin.scenario.variations import (
 )
 from twin.studies.folder import RefusedLayout, StudyRequest
 from twin.studies.operated_figures import OperatedSummary
-from twin.studies.products import LineSummary, line_summary, product_times
+from twin.studies.products import (
+    LineSummary,
+    line_summary,
+    orders_of,
+    study_product_times,
+    study_worker_times,
+)
 from twin.studies.replications.block_results import (
     COMPLETED,
     ERROR,
@@ -241,10 +246,16 @@ def summarise_study(
         found["event_engine_because"] = load.reasons
         if hits := audits.get(cell):
             found |= _collided(experiment, hits)
-        times = product_times(blocks, cell)
+        times = study_product_times(blocks, cell)
         if times is not None:
-            due = assembly_kind(own.assembly).due()
-            found["line"] = line_summary(times, due, confidence)
+            workers = study_worker_times(blocks, cell, load.tpg)
+            found["line"] = line_summary(
+                times,
+                workers,
+                orders_of(own),
+                confidence,
+                operated=load.operated is not None,
+            )
         if (passed := cell_part(blocks, cell, "windows")) is not None:
             about = load.tpg, load.execution.hold, passed, samples[cell]
             found["windows"] = windows_summary(*about, confidence)

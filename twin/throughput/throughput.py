@@ -1,18 +1,22 @@
-"""Performance of a production line: start and completion of products, takt, throughput, work in progress."""
+"""Performance of a production line: takt, throughput, work in progress, lateness and yield, of all products and by variant."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.tasks.task import TaskKind, is_product_task
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
+from twin.host.atomic_files import finite_or_none
 from twin.runs.execution_record import ExecutionRecord
+from twin.scenario.sections.kind import StartUp
+from twin.throughput.states import STATES, ratio, run_worker_times, worker_chains
 
 _START_UP = 0.1
 """Default fraction of products in the start-up phase, which throughput and takt exclude."""
@@ -86,10 +90,104 @@ def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
     return ProductNodes(*columns)
 
 
+@dataclass(frozen=True)
+class ProductTimes:
+    """Products of replications, a row for each place of the order.
+
+    A product that is made in place of one that was not completed has its place.
+
+    Attributes:
+        product_begin_ns, product_end_ns: begin and completion of the product, -1 where none was
+            completed, shape (places, replications) [ns].
+        products_made: products made for the place, complete or scrapped, of the same shape.
+        products_passed: those of them that are complete and had no failure for good at a step.
+    """
+
+    product_begin_ns: Nanoseconds
+    product_end_ns: Nanoseconds
+    products_made: Indices
+    products_passed: Indices
+
+
+def product_times(
+    tpg: TemporalPlanGraph,
+    start_ns: Nanoseconds,
+    end_ns: Nanoseconds,
+    ordered: int = 0,
+    scrapped: Collection[int] = (),
+) -> ProductTimes | None:
+    """Return the products of replications of a plan; None for fewer than two.
+
+    Args:
+        tpg: the executed plan, contracted or not; tasks for incomplete products belong to no product.
+        start_ns, end_ns: of every node through all chains, shape (nodes, replications) [ns].
+        ordered: number of products of the order; by default the greatest number of a product. Further
+            ones have places after those.
+        scrapped: numbers of the products that were begun and are not complete.
+    """
+    nodes = product_nodes(tpg)
+    if nodes is None:
+        return None
+    complete = set(nodes.products.tolist())
+    begun = sorted(complete.union(scrapped))
+    ordered = ordered or begun[-1]
+    missing = [k for k in range(ordered) if k + 1 not in complete]
+    place, rows = dict[int, int](), ordered
+    for number in begun:
+        row = number - 1 if number <= ordered else missing[0] if missing else rows
+        place[number] = row
+        if number > ordered and number in complete:
+            missing, rows = missing[1:], max(rows, row + 1)
+    rows = max(rows, 1 + max(place.values()))
+    failed = {
+        int(tpg.products[t.index]) for t in tpg.tasks if t.kind == TaskKind.FAILED
+    }
+    begin, end = (np.full((rows, end_ns.shape[1]), -1, np.int64) for _ in range(2))
+    made, passed = np.zeros_like(begin), np.zeros_like(begin)
+    for number, row in place.items():
+        made[row] += 1
+        passed[row] += number in complete and number not in failed
+    own = [place[number] for number in nodes.products.tolist()]
+    begin[own], end[own] = nodes.begin(start_ns), nodes.end(end_ns)
+    return ProductTimes(begin, end, made, passed)
+
+
 def start_up_of(products: int, asked: int | None = None) -> int:
     """Return the number of products of the start-up, so that at least two others are left."""
     wanted = int(np.ceil(_START_UP * products)) if asked is None else asked
     return max(0, min(wanted, products - 2))
+
+
+def settled_start_up(times: ProductTimes, asked: StartUp = None) -> int:
+    """Return the number of products of the start-up.
+
+    Args:
+        times: of the products.
+        asked: a number; None for a tenth; ``auto`` for what MSER-5 leaves out of the times between
+            completions and of the cycle times, whichever is more. Of several replications their means count.
+    """
+    begin, end = times.product_begin_ns, times.product_end_ns
+    if asked == "auto":
+        takts, cycles = takts_s(end, 0), seconds(end) - seconds(begin)
+        asked = max(mser(mean_known(own, axis=1)) for own in (takts, cycles))
+    return start_up_of(len(end), asked)
+
+
+def mser(values: Array, batch: int = 5) -> int:
+    """Return how many first values are left out for the least standard error of the mean of the rest (MSER-5).
+
+    At most half of the values are (White, 1997).
+
+    Args:
+        values: in order, shape (n,); those that are not known are left out.
+        batch: values of a batch, whose means are taken; what is left over at the end does not count.
+    """
+    known = values[np.isfinite(values)]
+    means = known[: len(known) // batch * batch].reshape(-1, batch).mean(axis=1)
+    if len(means) < 2:
+        return 0
+    rests = [means[k:] for k in range(len(means) // 2 + 1)]
+    return batch * int(np.argmin([rest.var() / len(rest) for rest in rests]))
 
 
 @dataclass(frozen=True)
@@ -100,9 +198,12 @@ class LineFigures:
         takt_s: mean time from one completion to the next, after the start-up [s].
         cycle_s: mean time from the begin of a product to its completion, after it [s].
         in_progress: mean number of products begun and not complete, after it.
-        late: share of products that are complete after they are due, NaN where they are not due.
+        late: share of complete products that are complete after they are due, NaN where they are not due.
         lateness_s: mean time by which products are complete after they are due, negative where
             they are early [s].
+        in_time: service level: share of the ordered products that are complete when they are due.
+        good: share of the products made that are complete.
+        first_pass: share of the products made that are complete without rework.
     """
 
     takt_s: Array
@@ -110,6 +211,9 @@ class LineFigures:
     in_progress: Array
     late: Array
     lateness_s: Array
+    in_time: Array
+    good: Array
+    first_pass: Array
 
     @property
     def per_hour(self) -> Array:
@@ -117,44 +221,91 @@ class LineFigures:
         zero = np.zeros_like(self.takt_s)
         return np.divide(3600.0, self.takt_s, out=zero, where=self.takt_s > 0)
 
+    def rates(self) -> dict[str, Array]:
+        """Return rates and times by their names in summaries."""
+        return {
+            "throughput_per_h": self.per_hour,
+            "takt_s": self.takt_s,
+            "cycle_time_s": self.cycle_s,
+            "work_in_progress": self.in_progress,
+        }
+
 
 def line_figures(
-    begin_ns: Nanoseconds,
-    end_ns: Nanoseconds,
+    times: ProductTimes,
     due_s: Sequence[float] = (),
-    start_up: int | None = None,
+    start_up: int = 0,
+    own: npt.NDArray[np.bool_] | None = None,
 ) -> LineFigures:
-    """Return the figures of a line.
+    """Return the figures of a line, or of some of its products.
+
+    Rates and work in progress are of the time from the last completion of the start-up to the last one
+    of all products; so those of the variants add up to those of the line.
 
     Args:
-        begin_ns, end_ns: of every product, shape (products, replications) [ns].
+        times: of all products.
         due_s: when each product is due [s].
         start_up: products at the beginning that do not count for takt and work in progress.
+        own: True for the products of interest, shape (places,); all by default.
     """
-    count, replications = end_ns.shape
-    begin, end = begin_ns / NANOSECONDS, end_ns / NANOSECONDS
-    skipped = start_up_of(count, start_up)
-    done = np.sort(end, axis=0)
-    since, until = done[skipped], done[-1]
-    span = until - since
+    begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
+    own = np.ones(len(end), np.bool_) if own is None else own
+    order = np.argsort(end, axis=0, kind="stable")  # unknown times come last
+    rank = np.argsort(order, axis=0, kind="stable")
+    since = np.take_along_axis(end, order[start_up : start_up + 1], axis=0)[0]
+    until = np.fmax.reduce(end, axis=0)
+    counted = ((rank > start_up) & np.isfinite(end))[own].sum(axis=0)
     overlap = np.minimum(end, until) - np.maximum(begin, since)
-    inside = np.maximum(overlap, 0.0).sum(axis=0)
-    unknown = np.full(replications, np.nan)
-    late, lateness = unknown, unknown
-    if len(due_s):
-        after = end - np.asarray(due_s)[:, None]
-        late, lateness = (after > 0.0).mean(axis=0), after.mean(axis=0)
-    takt = span / max(count - 1 - skipped, 1) if count > 1 else unknown
+    after = end - due_of_places(due_s, len(end))[:, None]
+    span = until - since
+    inside = np.nansum(np.maximum(overlap, 0.0)[own], axis=0)
+    made = times.products_made[own].sum(axis=0)
+    complete = np.isfinite(end)[own].sum(axis=0)
+    passed = times.products_passed[own].sum(axis=0)
+    late = np.where(np.isfinite(after), after > 0.0, np.nan)
+    in_time = (after <= 0.0)[own].mean(axis=0) if len(due_s) else late[0]
     return LineFigures(
-        takt,
-        (end - begin)[skipped:].mean(axis=0),
-        np.divide(inside, span, out=np.full(replications, np.nan), where=span > 0),
-        late,
-        lateness,
+        ratio(span, counted),
+        mean_known((end - begin)[start_up:][own[start_up:]]),
+        ratio(inside, span),
+        mean_known(late[own]),
+        mean_known(after[own]),
+        in_time,
+        ratio(complete, made),
+        ratio(passed, made),
     )
 
 
-def takts_s(end_ns: Nanoseconds, start_up: int | None = None) -> Array:
+def seconds(times_ns: Nanoseconds) -> Array:
+    """Return times in seconds, NaN for what did not happen."""
+    return np.where(times_ns < 0, np.nan, times_ns / NANOSECONDS)
+
+
+def mean_known(values: Array, axis: int = 0) -> Array:
+    """Return the means of the values that are known, NaN where none is."""
+    return ratio(np.nansum(values, axis=axis), np.isfinite(values).sum(axis=axis))
+
+
+def due_of_places(due_s: Sequence[float], places: int) -> Array:
+    """Return when the product of each place is due, NaN without due times, shape (places,) [s].
+
+    Further ones than were ordered are due with the last one.
+    """
+    known = np.asarray(due_s if len(due_s) else [np.nan], dtype=float)
+    return known[np.minimum(np.arange(places), len(known) - 1)]
+
+
+def products_of_variants(
+    variants: Sequence[str], places: int
+) -> dict[str, npt.NDArray[np.bool_]]:
+    """Return which places of the order are of each variant, in the order of their first products."""
+    if not variants:
+        return {}
+    known = np.array(variants)[np.minimum(np.arange(places), len(variants) - 1)]
+    return {name: known == name for name in dict.fromkeys(variants)}
+
+
+def takts_s(end_ns: Nanoseconds, start_up: int) -> Array:
     """Return the times from one completion to the next, after the start-up [s].
 
     Args:
@@ -162,17 +313,19 @@ def takts_s(end_ns: Nanoseconds, start_up: int | None = None) -> Array:
         start_up: products at the beginning that do not count.
 
     Returns:
-        Shape (takts, replications).
+        Shape (takts, replications); NaN at the end where products are not complete.
     """
-    done = np.sort(end_ns, axis=0)[start_up_of(len(end_ns), start_up) :]
-    return np.diff(done, axis=0) / NANOSECONDS
+    done = np.sort(seconds(end_ns), axis=0)[start_up:]
+    return np.diff(done, axis=0)
 
 
 def line_summary(
     tpg: TemporalPlanGraph,
     run: ExecutionRecord,
     due_s: Sequence[float] = (),
-    start_up: int | None = None,
+    start_up: StartUp = None,
+    variants: Sequence[str] = (),
+    scrapped: Collection[int] = (),
 ) -> dict[str, Any] | None:
     """Return the line figures of a run's summary; None for one product or an unfinished run.
 
@@ -181,51 +334,82 @@ def line_summary(
         run: how.
         due_s: when each product is due, scrapped or not [s]. One that is made in place of another is due when that
             was, and one more that is ordered with the last one.
-        start_up: products at the beginning that do not count for throughput and takt.
+        start_up: products at the beginning that do not count for throughput and takt, see ``settled_start_up``.
+        variants: the variant of each product, likewise; empty where there is only one.
+        scrapped: numbers of the products that were begun and are not complete.
     """
-    nodes = product_nodes(tpg)
-    if nodes is None or any((own < 0).any() for own in run.end_ns):
+    if any((own < 0).any() for own in run.end_ns):
         return None
-    if len(due_s):
-        due_s = _due_of(nodes.products.tolist(), due_s)
-    begin = nodes.begin(np.concatenate(run.start_ns))[:, None]
-    end = nodes.end(np.concatenate(run.end_ns))[:, None]
-    found = line_figures(begin, end, due_s, start_up)
-    takts = takts_s(end, start_up)
-    several = len(takts) > 0
+    starts, ends = (np.concatenate(own)[:, None] for own in (run.start_ns, run.end_ns))
+    ordered = len(due_s) or len(variants)
+    times = product_times(tpg, starts, ends, ordered, scrapped)
+    if times is None:
+        return None
+    begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
+    skipped = settled_start_up(times, start_up)
+    found = line_figures(times, due_s, skipped)
+    takts = takts_s(times.product_end_ns, skipped)
+    several = bool(np.isfinite(takts).any())
     out: dict[str, Any] = {
-        "products": len(end),
-        "start_up": start_up_of(len(end), start_up),
+        "products": int(np.isfinite(end).sum()),
+        "start_up": skipped,
         "throughput_per_h": float(found.per_hour[0]) if several else None,
         "takt_s": {
             "mean": float(found.takt_s[0]),
-            "least": float(takts.min()),
-            "greatest": float(takts.max()),
+            "least": float(np.nanmin(takts)),
+            "greatest": float(np.nanmax(takts)),
         }
         if several
         else None,
         "cycle_time_s": {
             "mean": float(found.cycle_s[0]),
-            "greatest": float((end - begin).max()) / NANOSECONDS,
+            "greatest": float(np.nanmax(end - begin)),
         },
         "work_in_progress": float(found.in_progress[0]) if several else None,
-        "first_complete_s": float(end.min()) / NANOSECONDS,
+        "first_complete_s": float(np.nanmin(end)),
+        "first_pass_yield": float(found.first_pass[0]),
         "due": None,
+        "workers": _worker_entries(tpg, run, found.good),
+        "variants": {
+            name: _variant_entry(line_figures(times, due_s, skipped, own), own, end)
+            for name, own in products_of_variants(variants, len(end)).items()
+        },
     }
     if len(due_s):
-        after = end[:, 0] / NANOSECONDS - np.asarray(due_s)
+        after = end[:, 0] - due_of_places(due_s, len(end))
         out["due"] = {
             "late": int(np.count_nonzero(after > 0)),
-            "mean_lateness_s": float(after.mean()),
-            "greatest_lateness_s": float(after.max()),
+            "service_level": float(found.in_time[0]),
+            "mean_lateness_s": float(found.lateness_s[0]),
+            "greatest_lateness_s": float(np.nanmax(after)),
         }
     return out
 
 
-def _due_of(products: Sequence[int], due_s: Sequence[float]) -> list[float]:
-    """Return the due times of complete products [s]; see ``line_summary``."""
-    scrapped = sorted(set(range(1, len(due_s) + 1)) - set(products))
-    left = iter([due_s[k - 1] for k in scrapped])
-    return [
-        due_s[k - 1] if k <= len(due_s) else next(left, due_s[-1]) for k in products
-    ]
+def _worker_entries(
+    tpg: TemporalPlanGraph, run: ExecutionRecord, good: Array
+) -> dict[str, Any]:
+    """Return the shares of time by state and the effectiveness of robots and machines."""
+    times = run_worker_times(tpg, run)
+    shares, factors = times.shares()[:, :, 0].tolist(), times.effectiveness(good)
+    return {
+        tpg.chains[k].robot: {
+            "states": {s: v for s, v in zip(STATES, shares[place], strict=True) if v},
+            **{name: finite_or_none(own[place, 0]) for name, own in factors.items()},
+        }
+        for place, k in enumerate(worker_chains(tpg))
+    }
+
+
+def _variant_entry(
+    found: LineFigures, own: npt.NDArray[np.bool_], end_s: Array
+) -> dict[str, Any]:
+    """Return the figures of a variant in a run."""
+    figures = {
+        **found.rates(),
+        "service_level": found.in_time,
+        "mean_lateness_s": found.lateness_s,
+        "first_pass_yield": found.first_pass,
+    }
+    known = {name: finite_or_none(values[0]) for name, values in figures.items()}
+    return {"products": int(np.isfinite(end_s[own]).sum()), **known}

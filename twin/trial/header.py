@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -89,6 +89,7 @@ def run_figures(
     record: ExecutionRecord,
     header: RunHeader,
     audit: Mapping[str, Any] | None = None,
+    scrapped: Collection[int] = (),
 ) -> dict[str, Any]:
     """Return the figures of a finished run, with the keys of ``summary.json``.
 
@@ -97,7 +98,9 @@ def run_figures(
         record: how it was executed.
         header: header of the run.
         audit: findings of the audit, None without one.
+        scrapped: numbers of the products that were begun and are not complete.
     """
     scenario = plan.scenario.sections
-    due = assembly_kind(scenario.assembly).due()
-    return summarize_run(plan.tpg, record, scenario.name, header, audit, *due)
+    kind = assembly_kind(scenario.assembly)
+    orders = *kind.due(), kind.variants(), scrapped
+    return summarize_run(plan.tpg, record, scenario.name, header, audit, *orders)

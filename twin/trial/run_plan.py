@@ -172,7 +172,8 @@ def conclude(
             finished=done.finished,
             progress=progress,
         )
-    summary = run_figures(plan, record, header, audit) | dict(done.summary)
+    scrapped = done.summary.get("operation", {}).get("scrapped", ())
+    summary = run_figures(plan, record, header, audit, scrapped) | dict(done.summary)
     summary["files"] = recorded_hashes(folder)
     write_json(folder / SUMMARY, summary)
     return RunResult(

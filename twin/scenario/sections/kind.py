@@ -38,6 +38,9 @@ IdleReason = Literal[
 ]
 """Why a robot gets no task."""
 
+StartUp = int | Literal["auto"] | None
+"""Number of products at the beginning that do not count for throughput: by default a tenth; ``auto`` by MSER-5."""
+
 ASSIGNMENT = "who does what"
 """Name of the stage for progress displays."""
 
@@ -152,9 +155,13 @@ class AssemblyKind(Protocol):
         """Return how many products are made, each in as many steps."""
         return 1
 
-    def due(self) -> tuple[tuple[float, ...], int | None]:
+    def due(self) -> tuple[tuple[float, ...], StartUp]:
         """Return when each product is due [s], and how many at the beginning do not count."""
         return (), None
+
+    def variants(self) -> tuple[str, ...]:
+        """Return the variant of each product; empty where all are the same."""
+        return ()
 
     def contact_depth(self) -> float:
         """Return how deep objects that are meant to touch may be in each other [m]."""

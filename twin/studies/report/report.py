@@ -16,11 +16,10 @@ from twin.host.atomic_files import write_text
 from twin.host.cards import pairs
 from twin.host.progress import Report
 from twin.runs.policies import preferred_policy
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.variations import apply_variation
 from twin.studies.folder import BLOCKS, REPORT
 from twin.studies.gains.gains import LEADING
-from twin.studies.products import product_times
+from twin.studies.products import orders_of, study_product_times
 from twin.studies.replications.block_results import cell_makespans_s, cell_tally
 from twin.studies.report.assumptions import assumptions, warnings
 from twin.studies.report.cell_figures import draw_bands, draw_sobol, draw_tornado
@@ -178,11 +177,11 @@ def _lines(result: StudyResult, cell: int) -> Pieces:
     yield heading("What the line achieves")
     yield lines_table(summary)
     yield lateness_list(summary)
-    times = product_times(result.folder / BLOCKS, cell)
+    times = study_product_times(result.folder / BLOCKS, cell)
     if times is not None:
         scenario = apply_variation(result.request.scenario, summary.cells[cell].variant)
-        due = assembly_kind(scenario.assembly).due()
-        yield save_and_embed_picture(result.folder, draw_line(times, due), "products")
+        figure = draw_line(times, orders_of(scenario))
+        yield save_and_embed_picture(result.folder, figure, "products")
 
 
 def _windows(summary: StudySummary) -> Pieces:
