@@ -38,6 +38,9 @@ _MOST_VIOLATIONS = 10
 _MILLIMETRES = {"contact": "deep", "jump": "far"}
 """Word after the length of a violation, by kind; for other kinds no length is printed."""
 
+_FACTORS = ("availability", "performance", "quality", "oee")
+"""Figures of robots and machines of a line that are no shares of time."""
+
 _STAGES = {
     "sequence": "which brick when",
     "assignment": "who does what",
@@ -356,8 +359,9 @@ def _line_rows(line: Mapping[str, Any] | None) -> list[tuple[str, str, str]]:
         )
         rows.append((f"variant {name}", str(own["products"]), words))
     for name, own in line.get("workers", {}).items():
-        shares = sorted(own["states"].items(), key=lambda item: -item[1])
-        words = ", ".join(f"{what} {100 * share:.1f} %" for what, share in shares[:3])
+        shares = [(x, what) for what, x in own.items() if x and what not in _FACTORS]
+        longest = sorted(shares, reverse=True)[:3]
+        words = ", ".join(f"{state} {100 * share:.1f} %" for share, state in longest)
         oee = "-" if own["oee"] is None else f"OEE {100 * own['oee']:.1f} %"
         rows.append((f"time of {name}", oee, words))
     return rows

@@ -97,11 +97,6 @@ class _Due(TypedDict):
     greatest_lateness_s: float
 
 
-class _Worker(TypedDict):
-    states: dict[str, float]
-    oee: float | None
-
-
 class _Variant(TypedDict):
     products: int
     service_level: float | None
@@ -116,7 +111,7 @@ class _Line(TypedDict):
     cycle_time_s: _CycleTime
     work_in_progress: float | None
     due: _Due | None
-    workers: NotRequired[dict[str, _Worker]]
+    workers: NotRequired[dict[str, dict[str, float | None]]]
     variants: NotRequired[dict[str, _Variant]]
 
 

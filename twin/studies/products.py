@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,7 +10,6 @@ import numpy as np
 from pydantic import Field
 
 from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.scenario.sections.kind import StartUp, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.studies.replications.block_results import cell_part
@@ -19,8 +19,11 @@ from twin.studies.replications.statistics import (
     mean_interval,
     share_interval,
 )
+from twin.studies.replications.workload import Workload
 from twin.throughput.states import STATES, WorkerTimes, worker_chains
 from twin.throughput.throughput import (
+    OF_VARIANT,
+    RATES,
     ProductTimes,
     due_of_places,
     line_figures,
@@ -32,6 +35,8 @@ from twin.throughput.throughput import (
 )
 
 _QUANTILES = (0.5, 0.9, 0.99)
+_SHARES = frozenset({*STATES, "availability", "service_level"})
+"""Figures between 0 and 1."""
 
 
 class Orders(NamedTuple):
@@ -48,44 +53,8 @@ class Orders(NamedTuple):
     variants: tuple[str, ...] = ()
 
 
-class WorkerSummary(Figures):
-    """Time of a robot or machine, over replications.
-
-    Attributes:
-        states: share of the time in each state that occurs.
-        availability, performance, quality: factors of its effectiveness; None where it never works.
-        oee: their product.
-    """
-
-    states: dict[str, SummaryEntry]
-    availability: SummaryEntry | None
-    performance: SummaryEntry | None
-    quality: SummaryEntry | None
-    oee: SummaryEntry | None
-
-
-class VariantSummary(Figures):
-    """Figures of the products of one variant.
-
-    Attributes:
-        products: how many are ordered.
-        throughput_per_h: products an hour.
-        takt_s: time from one completion to the next [s].
-        cycle_time_s: time from the begin of a product to its completion [s].
-        work_in_progress: products begun and not complete.
-        service_level: share of the ordered products that are complete when they are due.
-        lateness_s: mean time by which they are complete after they are due [s].
-        first_pass_yield: share of the products made that are complete without rework, with replanning.
-    """
-
-    products: int
-    throughput_per_h: SummaryEntry | None
-    takt_s: SummaryEntry | None
-    cycle_time_s: SummaryEntry | None
-    work_in_progress: SummaryEntry | None
-    service_level: SummaryEntry | None
-    lateness_s: SummaryEntry | None
-    first_pass_yield: SummaryEntry | None
+Entries = dict[str, dict[str, SummaryEntry | None]]
+"""Figures by their names, of robots and machines or of variants."""
 
 
 class DueSummary(Figures):
@@ -120,8 +89,8 @@ class LineSummary(Figures):
         work_in_progress: products begun and not complete.
         due: lateness; None where nothing is due.
         first_pass_yield: share of the products made that are complete without rework, with replanning.
-        workers: of robots and machines that work at parts, by name.
-        variants: figures of each variant; empty where all products are the same.
+        workers: of robots and machines that work at parts, see ``WorkerTimes.shares_and_factors``.
+        variants: of each variant, see ``LineFigures``; empty where all products are the same.
     """
 
     products: int
@@ -134,8 +103,8 @@ class LineSummary(Figures):
     work_in_progress: SummaryEntry | None
     due: DueSummary | None
     first_pass_yield: SummaryEntry | None = None
-    workers: dict[str, WorkerSummary] = Field(default_factory=dict)
-    variants: dict[str, VariantSummary] = Field(default_factory=dict)
+    workers: Entries = Field(default_factory=dict)
+    variants: Entries = Field(default_factory=dict)
 
 
 def orders_of(scenario: Scenario) -> Orders:
@@ -153,18 +122,6 @@ def study_product_times(blocks: Path, cell: int) -> ProductTimes | None:
     return found if found is not None and found.product_end_ns.size else None
 
 
-def study_worker_times(
-    blocks: Path, cell: int, tpg: TemporalPlanGraph
-) -> dict[str, WorkerTimes]:
-    """Return the times of each robot and machine of a plan in the same replications, one worker each."""
-    found: WorkerTimes = cell_part(blocks, cell, "workers")
-    names = (tpg.chains[k].robot for k in worker_chains(tpg))
-    return {
-        name: WorkerTimes(found.state_ns[k : k + 1], found.planned_ns[k : k + 1])
-        for k, name in enumerate(names)
-    }
-
-
 def product_columns(times: ProductTimes, orders: Orders) -> dict[str, Any]:
     """Return columns with one row per product: completion time, probability of lateness, variant."""
     begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
@@ -176,7 +133,7 @@ def product_columns(times: ProductTimes, orders: Orders) -> dict[str, Any]:
         "cycle_mean_s": mean_known(end - begin, axis=1),
     }
     if orders.variants:
-        columns["variant"] = list(orders.variants)
+        columns["variant"] = list(orders.variants)[:count]
     for p in (5, 50, 95):
         known = (own[np.isfinite(own)] for own in end)
         rows = [np.percentile(own, p) if len(own) else np.nan for own in known]
@@ -190,37 +147,41 @@ def product_columns(times: ProductTimes, orders: Orders) -> dict[str, Any]:
 
 
 def line_summary(
-    times: ProductTimes,
-    workers: dict[str, WorkerTimes],
-    orders: Orders,
-    confidence: float,
-    *,
-    operated: bool = False,
-) -> LineSummary:
-    """Return the figures of a cell.
+    blocks: Path, cell: int, load: Workload, orders: Orders, confidence: float
+) -> LineSummary | None:
+    """Return the figures of a cell; None where ``study_product_times`` has none.
 
     Args:
-        times: of its products.
-        workers: times of each robot and machine.
+        blocks: folder of the blocks.
+        cell: index of the cell.
+        load: its workload.
         orders: what is ordered.
         confidence: of the intervals.
-        operated: whether replications replan, so that there may be rework and scrap.
     """
+    times = study_product_times(blocks, cell)
+    if times is None:
+        return None
     start_up = settled_start_up(times, orders.start_up)
     begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
     found = line_figures(times, orders.due_s, start_up)
-    takts = takts_s(times.product_end_ns, start_up).ravel()
+    workers: WorkerTimes = cell_part(blocks, cell, "workers")
+    spent = workers.shares_and_factors(found.good)
 
-    def mean(values: Array) -> SummaryEntry | None:
+    def mean(values: Array, name: str = "") -> SummaryEntry | None:
         known = values[np.isfinite(values)]
-        return mean_interval(known, confidence=confidence) if len(known) else None
+        if not len(known):
+            return None
+        entry = mean_interval(known, confidence=confidence)
+        if name not in _SHARES:
+            return entry
+        return replace(entry, low=max(entry.low, 0.0), high=min(entry.high, 1.0))
 
     def passing(own: Any = ...) -> SummaryEntry | None:
-        made = int(times.products_made[own].sum())
-        passed = int(times.products_passed[own].sum())
-        if not operated or not made:
+        # Without replanning, replications with failures for good do not complete.
+        made, passed = times.products_made[own], times.products_passed[own]
+        if load.operated is None:
             return None
-        return share_interval(passed, made, confidence=confidence)
+        return share_interval(int(passed.sum()), int(made.sum()), confidence=confidence)
 
     lateness = None
     if orders.due_s:
@@ -228,39 +189,31 @@ def line_summary(
         anyone = int(np.count_nonzero((after > 0).any(axis=0)))
         lateness = DueSummary(
             late=mean(found.late),
-            service_level=mean(found.in_time),
+            service_level=mean(found.service_level, "service_level"),
             any_late=share_interval(anyone, after.shape[1], confidence=confidence),
             lateness_s=mean(found.lateness_s),
             lateness_quantiles_s=_quantiles(after.ravel()),
         )
-    variants = {}
+    variants: Entries = {}
     for name, own in products_of_variants(orders.variants, len(end)).items():
-        part = line_figures(times, orders.due_s, start_up, own)
-        variants[name] = VariantSummary(
-            products=int(own.sum()),
-            **{key: mean(values) for key, values in part.rates().items()},
-            service_level=mean(part.in_time),
-            lateness_s=mean(part.lateness_s),
-            first_pass_yield=passing(own),
-        )
+        part = vars(line_figures(times, orders.due_s, start_up, own))
+        entries = {key: mean(part[key], key) for key in OF_VARIANT}
+        variants[name] = entries | {"first_pass_yield": passing(own)}
     return LineSummary(
         products=len(end),
         start_up=start_up,
-        **{key: mean(values) for key, values in found.rates().items()},
-        takt_quantiles_s=_quantiles(takts),
+        **{key: mean(getattr(found, key)) for key in RATES},
+        takt_quantiles_s=_quantiles(takts_s(times.product_end_ns, start_up).ravel()),
         cycle_time_quantiles_s=_quantiles((end - begin)[start_up:].ravel()),
         due=lateness,
         first_pass_yield=passing(),
         workers={
-            name: WorkerSummary(
-                states={
-                    state: mean(share)
-                    for state, share in zip(STATES, own.shares()[0], strict=True)
-                    if share.any()
-                },
-                **{k: mean(v[0]) for k, v in own.effectiveness(found.good).items()},
-            )
-            for name, own in workers.items()
+            load.tpg.chains[k].robot: {
+                name: mean(own[place], name)
+                for name, own in spent.items()
+                if name not in STATES or own[place].any()
+            }
+            for place, k in enumerate(worker_chains(load.tpg))
         },
         variants=variants,
     )

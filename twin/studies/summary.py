@@ -30,8 +30,6 @@ from twin.studies.products import (
     LineSummary,
     line_summary,
     orders_of,
-    study_product_times,
-    study_worker_times,
 )
 from twin.studies.replications.block_results import (
     COMPLETED,
@@ -246,16 +244,9 @@ def summarise_study(
         found["event_engine_because"] = load.reasons
         if hits := audits.get(cell):
             found |= _collided(experiment, hits)
-        times = study_product_times(blocks, cell)
-        if times is not None:
-            workers = study_worker_times(blocks, cell, load.tpg)
-            found["line"] = line_summary(
-                times,
-                workers,
-                orders_of(own),
-                confidence,
-                operated=load.operated is not None,
-            )
+        line = line_summary(blocks, cell, load, orders_of(own), confidence)
+        if line is not None:
+            found["line"] = line
         if (passed := cell_part(blocks, cell, "windows")) is not None:
             about = load.tpg, load.execution.hold, passed, samples[cell]
             found["windows"] = windows_summary(*about, confidence)

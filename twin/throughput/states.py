@@ -76,30 +76,28 @@ class WorkerTimes:
     state_ns: Nanoseconds
     planned_ns: Nanoseconds
 
-    def shares(self) -> Array:
-        """Return the shares of time in each state, shape (workers, states, replications)."""
-        total = np.maximum(self.state_ns.sum(axis=1, keepdims=True), 1)
-        return np.asarray(self.state_ns / total)
-
-    def effectiveness(self, quality: Array) -> dict[str, Array]:
-        """Return the factors of the OEE after ISO 22400-2 and their product, shape (workers, replications) each.
+    def shares_and_factors(self, quality: Array) -> dict[str, Array]:
+        """Return shares of time by state, and factors of the OEE after ISO 22400-2, shape (workers, replications) each.
 
         ``availability`` is the working time over the planned busy time, which is all but planned stops and
-        hours off shift; ``performance`` the planned time of the work over its actual time. What never
-        works has NaN.
+        hours off shift; ``performance`` the planned time of the work over its actual time; ``oee`` the product
+        of both and ``quality``. What never works has NaN.
 
         Args:
             quality: share of good products, shape (replications,).
         """
         time = dict(zip(STATES, np.moveaxis(self.state_ns, 1, 0), strict=True))
-        work = time[State.WORKING]
+        work, total = time[State.WORKING], self.state_ns.sum(axis=1)
         off = time[State.PLANNED] + time[State.OFF_SHIFT]
-        found = {
-            "availability": ratio(work, self.state_ns.sum(axis=1) - off),
+        factors = {
+            "availability": ratio(work, total - off),
             "performance": ratio(self.planned_ns, work),
             "quality": np.broadcast_to(quality, work.shape),
         }
-        return found | {"oee": np.prod(list(found.values()), axis=0)}
+        oee = np.prod(list(factors.values()), axis=0)
+        return (
+            {s: ratio(own, total) for s, own in time.items()} | factors | {"oee": oee}
+        )
 
 
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[int, ...]:
@@ -109,8 +107,17 @@ def worker_chains(tpg: TemporalPlanGraph) -> tuple[int, ...]:
     return (*robots, *tpg.working_machines())
 
 
-def run_worker_times(tpg: TemporalPlanGraph, run: ExecutionRecord) -> WorkerTimes:
-    """Return the times of one run in which every node ended; one replication."""
+def run_worker_times(
+    tpg: TemporalPlanGraph, run: ExecutionRecord, names: Sequence[str] = ()
+) -> WorkerTimes:
+    """Return the times of one run in which every node ended, as one replication.
+
+    Args:
+        tpg: the executed plan.
+        run: how.
+        names: of the workers of interest, idle where they are not in the plan; by default those of
+            ``worker_chains``.
+    """
     down, again = (np.zeros(sum(map(len, tpg.chains)), np.int64) for _ in range(2))
     offset = 0
     for chain, stands in zip(tpg.chains, run.standstills, strict=True):
@@ -125,12 +132,22 @@ def run_worker_times(tpg: TemporalPlanGraph, run: ExecutionRecord) -> WorkerTime
     clocks = [run.pace(k).own for k in range(len(tpg.chains))]
     found = worker_times(tpg, starts, ends, stood, down, clocks)
     for place, k in enumerate(worker_chains(tpg)):
-        left = run.stopped_ns(k, run.makespan_ns)
         known = run.stopped_by_code_ns[k] if run.stopped_by_code_ns else {}
         for code, lasts in known.items():
             found.state_ns[place, _INDEX[_STATE_OF_STOP[code]]] += lasts
-        found.state_ns[place, _INDEX[State.STOPPED]] += left - sum(known.values())
-    return found
+        left = run.stopped_ns(k, run.makespan_ns) - sum(known.values())
+        found.state_ns[place, _INDEX[State.STOPPED]] += left
+    if not names:
+        return found
+    own_names = [tpg.chains[k].robot for k in worker_chains(tpg)]
+    states = np.zeros((len(names), len(STATES), 1), dtype=np.int64)
+    states[:, _INDEX[State.IDLE]] = run.makespan_ns
+    planned = np.zeros((len(names), 1), dtype=np.int64)
+    for place, name in enumerate(names):
+        if name in own_names:
+            states[place] = found.state_ns[own_names.index(name)]
+            planned[place] = found.planned_ns[own_names.index(name)]
+    return WorkerTimes(states, planned)
 
 
 def worker_times(

@@ -16,7 +16,7 @@ from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.host.atomic_files import finite_or_none
 from twin.runs.execution_record import ExecutionRecord
 from twin.scenario.sections.kind import StartUp
-from twin.throughput.states import STATES, ratio, run_worker_times, worker_chains
+from twin.throughput.states import ratio, run_worker_times, worker_chains
 
 _START_UP = 0.1
 """Default fraction of products in the start-up phase, which throughput and takt exclude."""
@@ -92,14 +92,13 @@ def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
 
 @dataclass(frozen=True)
 class ProductTimes:
-    """Products of replications, a row for each place of the order.
+    """Products of replications, a row for each place of the order, shape (places, replications) each.
 
     A product that is made in place of one that was not completed has its place.
 
     Attributes:
-        product_begin_ns, product_end_ns: begin and completion of the product, -1 where none was
-            completed, shape (places, replications) [ns].
-        products_made: products made for the place, complete or scrapped, of the same shape.
+        product_begin_ns, product_end_ns: begin and completion, -1 where none was completed [ns].
+        products_made: products made for the place, complete or scrapped.
         products_passed: those of them that are complete and had no failure for good at a step.
     """
 
@@ -121,7 +120,7 @@ def product_times(
     Args:
         tpg: the executed plan, contracted or not; tasks for incomplete products belong to no product.
         start_ns, end_ns: of every node through all chains, shape (nodes, replications) [ns].
-        ordered: number of products of the order; by default the greatest number of a product. Further
+        ordered: number of products of the order, by default the greatest number of a product; further
             ones have places after those.
         scrapped: numbers of the products that were begun and are not complete.
     """
@@ -139,9 +138,8 @@ def product_times(
         if number > ordered and number in complete:
             missing, rows = missing[1:], max(rows, row + 1)
     rows = max(rows, 1 + max(place.values()))
-    failed = {
-        int(tpg.products[t.index]) for t in tpg.tasks if t.kind == TaskKind.FAILED
-    }
+    tasks = (task.index for task in tpg.tasks if task.kind == TaskKind.FAILED)
+    failed = {int(tpg.products[index]) for index in tasks}
     begin, end = (np.full((rows, end_ns.shape[1]), -1, np.int64) for _ in range(2))
     made, passed = np.zeros_like(begin), np.zeros_like(begin)
     for number, row in place.items():
@@ -150,6 +148,19 @@ def product_times(
     own = [place[number] for number in nodes.products.tolist()]
     begin[own], end[own] = nodes.begin(start_ns), nodes.end(end_ns)
     return ProductTimes(begin, end, made, passed)
+
+
+def run_product_times(
+    tpg: TemporalPlanGraph,
+    run: ExecutionRecord,
+    ordered: int = 0,
+    scrapped: Collection[int] = (),
+) -> ProductTimes | None:
+    """Return the products of a run, see ``product_times``; None also for an unfinished run."""
+    if any((own < 0).any() for own in run.end_ns):
+        return None
+    starts, ends = (np.concatenate(own)[:, None] for own in (run.start_ns, run.end_ns))
+    return product_times(tpg, starts, ends, ordered, scrapped)
 
 
 def start_up_of(products: int, asked: int | None = None) -> int:
@@ -164,12 +175,12 @@ def settled_start_up(times: ProductTimes, asked: StartUp = None) -> int:
     Args:
         times: of the products.
         asked: a number; None for a tenth; ``auto`` for what MSER-5 leaves out of the times between
-            completions and of the cycle times, whichever is more. Of several replications their means count.
+            completions or of the cycle times, whichever is more. Of several replications their means count.
     """
     begin, end = times.product_begin_ns, times.product_end_ns
     if asked == "auto":
-        takts, cycles = takts_s(end, 0), seconds(end) - seconds(begin)
-        asked = max(mser(mean_known(own, axis=1)) for own in (takts, cycles))
+        series = takts_s(end, 0), seconds(end) - seconds(begin)
+        asked = max(mser(mean_known(own, axis=1)) for own in series)
     return start_up_of(len(end), asked)
 
 
@@ -179,7 +190,7 @@ def mser(values: Array, batch: int = 5) -> int:
     At most half of the values are (White, 1997).
 
     Args:
-        values: in order, shape (n,); those that are not known are left out.
+        values: in order, shape (n,); those that are not known do not count.
         batch: values of a batch, whose means are taken; what is left over at the end does not count.
     """
     known = values[np.isfinite(values)]
@@ -192,43 +203,35 @@ def mser(values: Array, batch: int = 5) -> int:
 
 @dataclass(frozen=True)
 class LineFigures:
-    """Figures of a line in some replications, each of shape (replications,).
+    """Figures of a line in some replications, each of shape (replications,); NaN for what is not known.
 
     Attributes:
-        takt_s: mean time from one completion to the next, after the start-up [s].
-        cycle_s: mean time from the begin of a product to its completion, after it [s].
-        in_progress: mean number of products begun and not complete, after it.
-        late: share of complete products that are complete after they are due, NaN where they are not due.
+        throughput_per_h: products an hour, after the start-up.
+        takt_s: mean time from one completion to the next, after it [s].
+        cycle_time_s: mean time from the begin of a product to its completion, after it [s].
+        work_in_progress: mean number of products begun and not complete, after it.
+        service_level: share of the ordered products that are complete when they are due.
         lateness_s: mean time by which products are complete after they are due, negative where
             they are early [s].
-        in_time: service level: share of the ordered products that are complete when they are due.
+        first_pass_yield: share of the products made that are complete without rework.
+        late: share of complete products that are complete after they are due.
         good: share of the products made that are complete.
-        first_pass: share of the products made that are complete without rework.
     """
 
+    throughput_per_h: Array
     takt_s: Array
-    cycle_s: Array
-    in_progress: Array
-    late: Array
+    cycle_time_s: Array
+    work_in_progress: Array
+    service_level: Array
     lateness_s: Array
-    in_time: Array
+    first_pass_yield: Array
+    late: Array
     good: Array
-    first_pass: Array
 
-    @property
-    def per_hour(self) -> Array:
-        """Products an hour."""
-        zero = np.zeros_like(self.takt_s)
-        return np.divide(3600.0, self.takt_s, out=zero, where=self.takt_s > 0)
 
-    def rates(self) -> dict[str, Array]:
-        """Return rates and times by their names in summaries."""
-        return {
-            "throughput_per_h": self.per_hour,
-            "takt_s": self.takt_s,
-            "cycle_time_s": self.cycle_s,
-            "work_in_progress": self.in_progress,
-        }
+RATES = ("throughput_per_h", "takt_s", "cycle_time_s", "work_in_progress")
+OF_VARIANT = (*RATES, "service_level", "lateness_s", "first_pass_yield")
+"""Figures of the flow of products, and all figures of a variant."""
 
 
 def line_figures(
@@ -240,7 +243,7 @@ def line_figures(
     """Return the figures of a line, or of some of its products.
 
     Rates and work in progress are of the time from the last completion of the start-up to the last one
-    of all products; so those of the variants add up to those of the line.
+    of all products: those of the variants add up to those of the line.
 
     Args:
         times: of all products.
@@ -250,29 +253,27 @@ def line_figures(
     """
     begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
     own = np.ones(len(end), np.bool_) if own is None else own
+    known, after = np.isfinite(end), end - due_of_places(due_s, len(end))[:, None]
     order = np.argsort(end, axis=0, kind="stable")  # unknown times come last
     rank = np.argsort(order, axis=0, kind="stable")
     since = np.take_along_axis(end, order[start_up : start_up + 1], axis=0)[0]
     until = np.fmax.reduce(end, axis=0)
-    counted = ((rank > start_up) & np.isfinite(end))[own].sum(axis=0)
     overlap = np.minimum(end, until) - np.maximum(begin, since)
-    after = end - due_of_places(due_s, len(end))[:, None]
-    span = until - since
     inside = np.nansum(np.maximum(overlap, 0.0)[own], axis=0)
+    takt = ratio(until - since, ((rank > start_up) & known)[own].sum(axis=0))
     made = times.products_made[own].sum(axis=0)
-    complete = np.isfinite(end)[own].sum(axis=0)
-    passed = times.products_passed[own].sum(axis=0)
     late = np.where(np.isfinite(after), after > 0.0, np.nan)
-    in_time = (after <= 0.0)[own].mean(axis=0) if len(due_s) else late[0]
+    in_time = np.where(len(due_s) > 0, after <= 0.0, np.nan)
     return LineFigures(
-        ratio(span, counted),
+        np.nan_to_num(ratio(np.full_like(takt, 3600.0), takt)),
+        takt,
         mean_known((end - begin)[start_up:][own[start_up:]]),
-        ratio(inside, span),
-        mean_known(late[own]),
+        ratio(inside, until - since),
+        in_time[own].mean(axis=0),
         mean_known(after[own]),
-        in_time,
-        ratio(complete, made),
-        ratio(passed, made),
+        ratio(times.products_passed[own].sum(axis=0), made),
+        mean_known(late[own]),
+        ratio(known[own].sum(axis=0), made),
     )
 
 
@@ -287,10 +288,7 @@ def mean_known(values: Array, axis: int = 0) -> Array:
 
 
 def due_of_places(due_s: Sequence[float], places: int) -> Array:
-    """Return when the product of each place is due, NaN without due times, shape (places,) [s].
-
-    Further ones than were ordered are due with the last one.
-    """
+    """Return when the product of each place is due, NaN without due times, shape (places,) [s]."""
     known = np.asarray(due_s if len(due_s) else [np.nan], dtype=float)
     return known[np.minimum(np.arange(places), len(known) - 1)]
 
@@ -299,9 +297,10 @@ def products_of_variants(
     variants: Sequence[str], places: int
 ) -> dict[str, npt.NDArray[np.bool_]]:
     """Return which places of the order are of each variant, in the order of their first products."""
-    if not variants:
-        return {}
-    known = np.array(variants)[np.minimum(np.arange(places), len(variants) - 1)]
+    last = len(variants) - 1
+    known = np.array(
+        [variants[min(k, last)] for k in range(places)] if variants else ()
+    )
     return {name: known == name for name in dict.fromkeys(variants)}
 
 
@@ -315,8 +314,7 @@ def takts_s(end_ns: Nanoseconds, start_up: int) -> Array:
     Returns:
         Shape (takts, replications); NaN at the end where products are not complete.
     """
-    done = np.sort(seconds(end_ns), axis=0)[start_up:]
-    return np.diff(done, axis=0)
+    return np.diff(np.sort(seconds(end_ns), axis=0)[start_up:], axis=0)
 
 
 def line_summary(
@@ -338,11 +336,7 @@ def line_summary(
         variants: the variant of each product, likewise; empty where there is only one.
         scrapped: numbers of the products that were begun and are not complete.
     """
-    if any((own < 0).any() for own in run.end_ns):
-        return None
-    starts, ends = (np.concatenate(own)[:, None] for own in (run.start_ns, run.end_ns))
-    ordered = len(due_s) or len(variants)
-    times = product_times(tpg, starts, ends, ordered, scrapped)
+    times = run_product_times(tpg, run, len(due_s) or len(variants), scrapped)
     if times is None:
         return None
     begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
@@ -350,10 +344,12 @@ def line_summary(
     found = line_figures(times, due_s, skipped)
     takts = takts_s(times.product_end_ns, skipped)
     several = bool(np.isfinite(takts).any())
+    spent = run_worker_times(tpg, run).shares_and_factors(found.good)
+    names = [tpg.chains[k].robot for k in worker_chains(tpg)]
     out: dict[str, Any] = {
         "products": int(np.isfinite(end).sum()),
         "start_up": skipped,
-        "throughput_per_h": float(found.per_hour[0]) if several else None,
+        "throughput_per_h": float(found.throughput_per_h[0]) if several else None,
         "takt_s": {
             "mean": float(found.takt_s[0]),
             "least": float(np.nanmin(takts)),
@@ -362,54 +358,29 @@ def line_summary(
         if several
         else None,
         "cycle_time_s": {
-            "mean": float(found.cycle_s[0]),
+            "mean": float(found.cycle_time_s[0]),
             "greatest": float(np.nanmax(end - begin)),
         },
-        "work_in_progress": float(found.in_progress[0]) if several else None,
+        "work_in_progress": float(found.work_in_progress[0]) if several else None,
         "first_complete_s": float(np.nanmin(end)),
-        "first_pass_yield": float(found.first_pass[0]),
+        "first_pass_yield": float(found.first_pass_yield[0]),
         "due": None,
-        "workers": _worker_entries(tpg, run, found.good),
-        "variants": {
-            name: _variant_entry(line_figures(times, due_s, skipped, own), own, end)
-            for name, own in products_of_variants(variants, len(end)).items()
+        "workers": {
+            name: {key: finite_or_none(own[k, 0]) for key, own in spent.items()}
+            for k, name in enumerate(names)
         },
+        "variants": {},
     }
+    for name, own in products_of_variants(variants, len(end)).items():
+        part = vars(line_figures(times, due_s, skipped, own))
+        entry = {key: finite_or_none(part[key][0]) for key in OF_VARIANT}
+        out["variants"][name] = {"products": int(np.isfinite(end[own]).sum()), **entry}
     if len(due_s):
         after = end[:, 0] - due_of_places(due_s, len(end))
         out["due"] = {
             "late": int(np.count_nonzero(after > 0)),
-            "service_level": float(found.in_time[0]),
+            "service_level": float(found.service_level[0]),
             "mean_lateness_s": float(found.lateness_s[0]),
             "greatest_lateness_s": float(np.nanmax(after)),
         }
     return out
-
-
-def _worker_entries(
-    tpg: TemporalPlanGraph, run: ExecutionRecord, good: Array
-) -> dict[str, Any]:
-    """Return the shares of time by state and the effectiveness of robots and machines."""
-    times = run_worker_times(tpg, run)
-    shares, factors = times.shares()[:, :, 0].tolist(), times.effectiveness(good)
-    return {
-        tpg.chains[k].robot: {
-            "states": {s: v for s, v in zip(STATES, shares[place], strict=True) if v},
-            **{name: finite_or_none(own[place, 0]) for name, own in factors.items()},
-        }
-        for place, k in enumerate(worker_chains(tpg))
-    }
-
-
-def _variant_entry(
-    found: LineFigures, own: npt.NDArray[np.bool_], end_s: Array
-) -> dict[str, Any]:
-    """Return the figures of a variant in a run."""
-    figures = {
-        **found.rates(),
-        "service_level": found.in_time,
-        "mean_lateness_s": found.lateness_s,
-        "first_pass_yield": found.first_pass,
-    }
-    known = {name: finite_or_none(values[0]) for name, values in figures.items()}
-    return {"products": int(np.isfinite(end_s[own]).sum()), **known}

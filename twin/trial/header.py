@@ -101,6 +101,11 @@ def run_figures(
         scrapped: numbers of the products that were begun and are not complete.
     """
     scenario = plan.scenario.sections
-    kind = assembly_kind(scenario.assembly)
-    orders = *kind.due(), kind.variants(), scrapped
+    orders = line_orders(plan, scrapped)
     return summarize_run(plan.tpg, record, scenario.name, header, audit, *orders)
+
+
+def line_orders(plan: PlanResult, scrapped: Collection[int] = ()) -> tuple[Any, ...]:
+    """Return what the hook ``line`` asks of the products of a plan and of those that were scrapped."""
+    kind = assembly_kind(plan.scenario.sections.assembly)
+    return *kind.due(), kind.variants(), scrapped

@@ -110,14 +110,14 @@ def test_a_regular_line_is_known_by_hand() -> None:
     end = begin + 12 * SECOND
     found = line_figures(made(begin, end), [20.0 + 5 * k for k in range(10)], 2)
     assert found.takt_s == pytest.approx([5.0])
-    assert found.cycle_s == pytest.approx([12.0])
-    assert found.per_hour == pytest.approx([720.0])
+    assert found.cycle_time_s == pytest.approx([12.0])
+    assert found.throughput_per_h == pytest.approx([720.0])
     assert found.late == pytest.approx([0.0])
     assert found.lateness_s == pytest.approx([-8.0])
     # From 22 s to 57 s; what would begin after the tenth product never does.
     steps = np.arange(22, 57)
     inside = [np.sum((begin <= t * SECOND) & (end > t * SECOND)) for t in steps]
-    assert found.in_progress == pytest.approx([np.mean(inside)])
+    assert found.work_in_progress == pytest.approx([np.mean(inside)])
 
 
 def test_products_overtake_and_are_late() -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pickle
 import zlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -45,7 +45,7 @@ from twin.throughput.states import (
     worker_chains,
     worker_times,
 )
-from twin.throughput.throughput import ProductTimes, product_times
+from twin.throughput.throughput import ProductTimes, product_times, run_product_times
 
 LineTimes = tuple[ProductTimes, WorkerTimes]
 """Times of the products and workers of a line in some replications."""
@@ -164,7 +164,7 @@ class Engines:
         )
         tpg = self.workload.tpg
         for run in done:
-            parts += line_times(tpg, run, tpg, self._ordered)
+            self._add_line(parts, tpg, run)
         return self._result(block, rows, well, found, tpg, parts)
 
     def _rows(self, block: Block, engine: str) -> ReplicationRows:
@@ -195,6 +195,22 @@ class Engines:
         load = self.workload
         assert load.operated is not None
         return Operator(load.operated, load.execution, load.seed)
+
+    def _add_line(
+        self,
+        parts: list[LineTimes],
+        tpg: TemporalPlanGraph,
+        run: ExecutionRecord,
+        scrapped: Collection[int] = (),
+    ) -> None:
+        """Add the times of a run's products and workers, if it is of a line and all of its nodes ended."""
+        made = run_product_times(tpg, run, self._ordered, scrapped)
+        if made is not None:
+            planned = self.workload.tpg
+            names = [planned.chains[k].robot for k in worker_chains(planned)]
+            kept = (own[: self._ordered] for own in vars(made).values())
+            spent = run_worker_times(tpg, run, names)
+            parts.append((ProductTimes(*kept), spent))
 
     @cached_property
     def _ordered(self) -> int:
@@ -255,8 +271,7 @@ class Engines:
         rows.makespan_ns[place] = run.makespan_ns
         if not done.versions and len(tpg.chains) == len(self.workload.tpg.chains):
             return run
-        planned = self.workload.tpg
-        parts += line_times(tpg, run, planned, self._ordered, done.scrapped)
+        self._add_line(parts, tpg, run, done.scrapped)
         if run.outcome == COMPLETED:
             graph = policy_graph(tpg, self.workload.execution.policy)
             nodes = len(graph.order)
@@ -264,42 +279,6 @@ class Engines:
             which = np.arange(len(rows.outcome)) == place
             rows.fill(which, explain_completions(graph, *times), tpg)
         return None
-
-
-def line_times(
-    tpg: TemporalPlanGraph,
-    run: ExecutionRecord,
-    planned: TemporalPlanGraph,
-    ordered: int,
-    scrapped: Collection[int] = (),
-) -> Iterator[LineTimes]:
-    """Yield the times of a run's products and workers, if it is of a line and all of its nodes ended.
-
-    Args:
-        tpg: the executed graph.
-        run: its execution.
-        planned: the first plan, whose workers count.
-        ordered: number of products of the order, which count.
-        scrapped: numbers of products that were begun and are not complete.
-    """
-    if not len(tpg.products) or any((own < 0).any() for own in run.end_ns):
-        return
-    starts, ends = (np.concatenate(own)[:, None] for own in (run.start_ns, run.end_ns))
-    made = product_times(tpg, starts, ends, ordered, scrapped)
-    if made is None:
-        return
-    spent = run_worker_times(tpg, run)
-    names = [tpg.chains[k].robot for k in worker_chains(tpg)]
-    rows = []
-    for k in worker_chains(planned):
-        name = planned.chains[k].robot
-        rows.append(names.index(name) if name in names else -1)
-    unused = np.array(rows) < 0
-    states, work = spent.state_ns[rows], spent.planned_ns[rows]
-    states[unused], work[unused] = 0, 0
-    states[unused, -1] = run.makespan_ns
-    first = (own[:ordered] for own in vars(made).values())
-    yield ProductTimes(*first), WorkerTimes(states, work)
 
 
 def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanoseconds:

@@ -53,7 +53,9 @@ from twin.studies.report.page_tables import (
     ranking_table,
     refused_table,
     replication_sentence,
+    variant_rows,
     window_rows,
+    worker_rows,
 )
 from twin.studies.report.sensitivity_tables import (
     GAINS_NOTE,
@@ -63,6 +65,8 @@ from twin.studies.report.sensitivity_tables import (
 )
 from twin.studies.study import StudyResult
 from twin.studies.summary import CellSummary, StudySummary, shown_cell
+from twin.throughput.product_gantt import products_figure
+from twin.throughput.throughput import seconds
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
@@ -177,11 +181,22 @@ def _lines(result: StudyResult, cell: int) -> Pieces:
     yield heading("What the line achieves")
     yield lines_table(summary)
     yield lateness_list(summary)
+    yield text_table("by variant", variant_rows(summary))
+    words = "share of the time of robots and machines by state, and overall equipment effectiveness (OEE)"
+    yield text_table(words, worker_rows(summary))
     times = study_product_times(result.folder / BLOCKS, cell)
     if times is not None:
         scenario = apply_variation(result.request.scenario, summary.cells[cell].variant)
-        figure = draw_line(times, orders_of(scenario))
+        orders = orders_of(scenario)
+        figure = draw_line(times, orders)
         yield save_and_embed_picture(result.folder, figure, "products")
+        first = (
+            seconds(times.product_begin_ns[:, 0]),
+            seconds(times.product_end_ns[:, 0]),
+        )
+        words = "one replication"
+        figure = products_figure(*first, orders.due_s, orders.variants, words)
+        yield save_and_embed_picture(result.folder, figure, "products-gantt")
 
 
 def _windows(summary: StudySummary) -> Pieces:
