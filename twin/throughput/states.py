@@ -170,47 +170,51 @@ def worker_times(
         down_ns: those of them that are breakdowns [ns].
         clocks: of each chain, from the time of the run to its own, which halts during stops; none without stops.
     """
-    workers, total = worker_chains(tpg), end_ns.max(axis=0, initial=0)[None]
-    first = np.cumsum([0, *map(len, tpg.chains)])
-    latest, state = _binding_edges(tpg, first, end_ns)
-    setup, gone = _setup_nodes(tpg), _removals(tpg, first, end_ns)
-    found = np.zeros((len(workers), len(STATES), end_ns.shape[1]), dtype=np.int64)
+    workers, total = worker_chains(tpg), end_ns.max(axis=0, initial=0)
+    first, machines = np.cumsum([0, *map(len, tpg.chains)]), tpg.working_machines()
+    targets, latest, state = _binding_edges(tpg, first, end_ns)
+    setup, never = _setup_nodes(tpg), np.zeros_like(total)
+    found = np.zeros((len(workers), len(STATES), len(total)), dtype=np.int64)
     planned = np.zeros((len(workers), 1), dtype=np.int64)
-    never = np.zeros_like(total)
     for place, k in enumerate(workers):
         rows = slice(first[k], first[k + 1])
         own = clocks[k] if clocks else np.asarray
         begun, done, sets = start_ns[rows], end_ns[rows], setup[rows]
-        # The last wait is until the end of the run.
-        since, until = np.vstack([never, done]), np.vstack([begun, total])
-        taken = np.clip(np.vstack([never, gone[rows]]), since, until)
-        met = np.clip(np.vstack([latest[rows], never]), taken, until)
-        times = [own(t) for t in (since, taken, met, until)]
-        full, wait, rest = map(np.subtract, times[1:], times[:-1])
-        spent = dict.fromkeys(STATES, never[0])
+        taken = done
+        if k in machines:
+            until = np.vstack([begun[1:], total])
+            taken = np.clip(_removals(tpg, rows, k, end_ns), done, until)
+        # Only nodes with edges into them are waited for.
+        edges = slice(*np.searchsorted(targets, first[k : k + 2]))
+        at = targets[edges] - first[k]
+        since, until = np.where(at[:, None] > 0, taken[at - 1], never), begun[at]
+        wait = own(np.clip(latest[edges], since, until)) - own(since)
+        spent = dict.fromkeys(STATES, never)
         for cause in (State.WAITING, State.STARVED, State.BLOCKED):
-            here = state[rows] == _INDEX[cause]
-            spent[cause] = np.where(here, wait[:-1], 0).sum(axis=0)
-        spent[State.BLOCKED] = spent[State.BLOCKED] + full.sum(axis=0)
-        spent[State.IDLE] = rest.sum(axis=0)
-        work = own(done) - own(begun) - stood_ns[rows]
-        spent[State.WORKING] = work[~sets].sum(axis=0)
-        spent[State.SETUP] = work[sets].sum(axis=0)
-        spent[State.DOWN] = down_ns[rows].sum(axis=0)
-        spent[State.STOPPED] = (stood_ns - down_ns)[rows].sum(axis=0)
+            here = state[edges] == _INDEX[cause]
+            spent[cause] = np.where(here, wait, 0).sum(axis=0)
+        spent[State.BLOCKED] = spent[State.BLOCKED] + _sum(own(taken)) - _sum(own(done))
+        stands, broken = _sum(stood_ns[rows]), _sum(down_ns[rows])
+        spent[State.SETUP] = _sum(
+            own(done[sets]) - own(begun[sets]) - stood_ns[rows][sets]
+        )
+        work = _sum(own(done)) - _sum(own(begun)) - stands
+        spent[State.WORKING] = work - spent[State.SETUP]
+        spent[State.DOWN], spent[State.STOPPED] = broken, stands - broken
+        spent[State.IDLE] = own(total) - own(never) - sum(spent.values())
         found[place] = list(spent.values())
         planned[place] = to_nanoseconds(tpg.chains[k].duration)[~sets].sum()
-    return WorkerTimes(found, np.repeat(planned, end_ns.shape[1], axis=1))
+    return WorkerTimes(found, np.repeat(planned, len(total), axis=1))
+
+
+def _sum(values: Nanoseconds) -> Nanoseconds:
+    return np.asarray(values.sum(axis=0), dtype=np.int64)
 
 
 def _binding_edges(
     tpg: TemporalPlanGraph, first: Indices, end_ns: Nanoseconds
-) -> tuple[Nanoseconds, Indices]:
-    """Return when the last source of each node was complete, and the state that waiting for it is."""
-    latest = np.zeros_like(end_ns)
-    state = np.full(end_ns.shape, len(STATES))
-    if not len(tpg.edges):
-        return latest, state
+) -> tuple[Indices, Nanoseconds, Indices]:
+    """Return the nodes with edges into them, when the last source of each was complete, and what waiting for it is."""
     a, m, b, n = tpg.edges.T
     target = first[b] + n
     order = np.argsort(target, kind="stable")
@@ -220,15 +224,15 @@ def _binding_edges(
     kinds |= dict.fromkeys(_CLEARING, State.BLOCKED)
     of_task = [_INDEX[kinds.get(t.kind, State.STARVED)] for t in tpg.tasks]
     conflict = tpg.cause[order] == MOTION_CONFLICT
-    by_edge = np.where(conflict, _INDEX[State.BLOCKED], np.array(of_task)[task[source]])
+    of_edge = np.where(conflict, _INDEX[State.BLOCKED], np.array(of_task)[task[source]])
     groups = np.flatnonzero(np.diff(target, prepend=-1))
     counts, done = np.diff(groups, append=len(target)), end_ns[source]
+    if not len(groups):
+        return target, done, done
     last = np.maximum.reduceat(done, groups, axis=0)
     binds = done == np.repeat(last, counts, axis=0)
-    which = np.where(binds, by_edge[:, None], len(STATES))
-    latest[target[groups]] = last
-    state[target[groups]] = np.minimum.reduceat(which, groups, axis=0)
-    return latest, state
+    which = np.where(binds, of_edge[:, None], len(STATES))
+    return target[groups], last, np.minimum.reduceat(which, groups, axis=0)
 
 
 def _setup_nodes(tpg: TemporalPlanGraph) -> npt.NDArray[np.bool_]:
@@ -245,23 +249,21 @@ def _setup_nodes(tpg: TemporalPlanGraph) -> npt.NDArray[np.bool_]:
 
 
 def _removals(
-    tpg: TemporalPlanGraph, first: Indices, end_ns: Nanoseconds
+    tpg: TemporalPlanGraph, rows: slice, machine: int, end_ns: Nanoseconds
 ) -> Nanoseconds:
-    """Return when a part was picked at which a machine had worked, by its node; 0 where none was, shape as ``end_ns`` [ns]."""
-    gone = np.zeros_like(end_ns)
-    task = np.concatenate([chain.task for chain in tpg.chains])
+    """Return when each part was picked at which a machine had worked, 0 where none was, shape (its nodes, ...) [ns]."""
+    gone = np.zeros_like(end_ns[rows])
     last = np.full(len(tpg.tasks), -1)
+    task = np.concatenate([chain.task for chain in tpg.chains])
     np.maximum.at(last, task, np.arange(len(task)))
     picks: dict[str | None, list[int]] = {}
     for t in tpg.tasks:
         if t.kind == "pick" and last[t.index] >= 0:
             picks.setdefault(t.object, []).append(t.index)
-    for k in tpg.working_machines():
-        for row in range(first[k], first[k + 1]):
-            work = tpg.tasks[task[row]]
-            later = (p for p in picks.get(work.object, ()) if p > work.index)
-            if (pick := next(later, None)) is not None:
-                gone[row] = end_ns[last[pick]]
+    for node, k in enumerate(tpg.chains[machine].task.tolist()):
+        later = (p for p in picks.get(tpg.tasks[k].object, ()) if p > k)
+        if (pick := next(later, None)) is not None:
+            gone[node] = end_ns[last[pick]]
     return gone
 
 
