@@ -214,7 +214,7 @@ def operate(
     undone = given_up.keys() | ledger.dropped.keys()
     kind = assembly_kind(scenario.assembly).written_out()
     scrapped = _products_of(ledger.given_up, kind)
-    executed = _with_products(executed, kind, undone)
+    executed = with_products(executed, kind, undone)
     last = world_state_after(executed, [len(chain) for chain in executed.chains])
     in_hand = any(at.holder in replanner.out for at in last.attachments.values())
     ends = [max(own, default=0) for own in cell.end]
@@ -263,10 +263,10 @@ def _products_of(steps: Iterable[int], kind: AssemblyKind) -> set[int]:
     return {(step - 1) // (kind.steps() // count) + 1 for step in steps}
 
 
-def _with_products(
+def with_products(
     executed: TemporalPlanGraph, kind: AssemblyKind, undone: Collection[int]
 ) -> TemporalPlanGraph:
-    """Return the executed graph with the product of each task, 0 for incomplete products."""
+    """Return a graph with the product of each task, 0 for products of which steps are not done."""
     if kind.products() == 1:
         return executed
     left = _products_of(undone, kind)

@@ -101,10 +101,12 @@ class WorkerTimes:
 
 
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[int, ...]:
-    """Return the chains of robots, and then of machines that work at parts."""
+    """Return the chains of robots, and then of machines that work at parts; people who take parts away are none."""
     machines = tpg.machine_chains()
+    people = {task.robot for task in tpg.tasks if task.kind == TaskKind.TAKEN_OUT}
     robots = (k for k in range(len(tpg.chains)) if k not in machines)
-    return (*robots, *tpg.working_machines())
+    working = (k for k in tpg.working_machines() if tpg.chains[k].robot not in people)
+    return (*robots, *working)
 
 
 def run_worker_times(

@@ -1,7 +1,10 @@
 """Products of an order: their places, variants, start-up, chart, and figures of a study."""
 
+import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.patches import Rectangle
 
+import twin
 from planning.tasks.task import TaskKind
 from tests.twin.simulated import simulate
 from tests.twin.studies.study_toys import toy_cell_summary, toy_summary
@@ -18,7 +22,7 @@ from tests.twin.throughput.queues import (
     replicate,
     two_machines,
 )
-from tests.twin.written import refusal
+from tests.twin.written import refusal, written
 from twin.durations.bounded import Uniform
 from twin.engine.execution_model import ExecutionModel
 from twin.studies.products import Orders, line_summary
@@ -210,3 +214,33 @@ def test_both_engines_give_a_study_the_same_times(tmp_path: Path) -> None:
     head, rows = worker_rows(summary)
     assert [row[1] for row in rows] == ["second", "first"]
     assert all(len(row) == len(head) for row in rows)
+
+
+@pytest.mark.nightly
+def test_rework_and_scrap_count_in_studies_with_replanning(tmp_path: Path) -> None:
+    """Replications with and without new plans; milling scraps, washing is done again."""
+    text = Path("scenarios/assembly/machine_tending.yaml").read_text()
+    text = text.replace("{count: 24, ", "{count: 4, spare: 2, ").replace(
+        "  machines:\n    mill: {break",
+        "  failures:\n    milling: {probability: 0.3, retries: 0, then: scrap}\n"
+        "    washing: {probability: 0.3, retries: 0}\n  machines:\n    mill: {break",
+    )
+    text = re.sub(r"places: {.*?}, ", "", text)
+    shutil.copytree("scenarios/assembly/tools", tmp_path / "tools")
+    file = written(tmp_path, text)
+    how: dict[str, Any] = {"operate": True, "policies": ["asynchronous"]}
+    own = twin.study(file, replications=3, out=tmp_path / "study", **how)
+    rows = own.replications.to_pylist()
+    assert {row["versions"] > 0 for row in rows} == {True, False}
+    (cell,) = own.result.summary.cells
+    assert cell.line is not None
+    assert cell.line.throughput_per_h is not None
+    assert cell.line.throughput_per_h.count == 3
+    scrapped = sum(len(row["given_up"].split()) // 4 for row in rows)
+    passed = cell.line.first_pass_yield
+    assert passed is not None
+    assert passed.count == 3 * 4 + scrapped
+    assert 0 < passed.estimate < 4 / (4 + scrapped / 3)
+    quality = cell.line.workers["mill"]["quality"]
+    assert quality is not None
+    assert quality.estimate < 1

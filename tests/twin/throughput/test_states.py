@@ -126,11 +126,12 @@ def test_each_instant_is_in_one_state(seed: int, stops: bool) -> None:
         expected = list(oracle(tpg, run, k, own).values())
         assert found.state_ns[place, :, 0].tolist() == expected
     if not stops:  # as many replications at once
-        both = [
-            np.concatenate(x)[:, None].repeat(2, 1) for x in (run.start_ns, run.end_ns)
-        ]
-        none = np.zeros_like(both[0])
-        again = worker_times(tpg, *both, none, none)
+        start, end = (
+            np.concatenate(own)[:, None].repeat(2, axis=1)
+            for own in (run.start_ns, run.end_ns)
+        )
+        none = np.zeros_like(start)
+        again = worker_times(tpg, start, end, none, none)
         assert np.array_equal(again.state_ns, found.state_ns.repeat(2, axis=2))
 
 

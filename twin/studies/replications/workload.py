@@ -26,6 +26,7 @@ from twin.bulk.max_plus import (
 from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
+from twin.operations.operation import with_products
 from twin.operations.replicated.operating import SAME, OperatingWorkload, Operator
 from twin.runs.execution_record import DeadlockError, ExecutionRecord
 from twin.scenario.sections.kind import assembly_kind
@@ -138,7 +139,8 @@ class Engines:
         times = bulk.sample(seed=load.seed, replications=rows.replication)
         whole, tpg = times.completing(), bulk.contraction.tpg
         found, parts = bulk.execute(whole), list[LineTimes]()
-        if (made := product_times(tpg, found.start_ns, found.end_ns)) is not None:
+        line = self._line(tpg)
+        if (made := product_times(line, found.start_ns, found.end_ns)) is not None:
             stood = whole.stood_ns() - whole.stood_ns("retry")
             standing = stood, whole.stood_ns("breakdown")
             spent = worker_times(tpg, found.start_ns, found.end_ns, *standing)
@@ -164,7 +166,7 @@ class Engines:
         )
         tpg = self.workload.tpg
         for run in done:
-            self._add_line(parts, tpg, run)
+            self._add_line(parts, self._line(tpg), run)
         return self._result(block, rows, well, found, tpg, parts)
 
     def _rows(self, block: Block, engine: str) -> ReplicationRows:
@@ -211,6 +213,13 @@ class Engines:
             kept = (own[: self._ordered] for own in vars(made).values())
             spent = run_worker_times(tpg, run, names)
             parts.append((ProductTimes(*kept), spent))
+
+    def _line(self, tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+        """Return the plan with the product of each task, which plans to be operated do not have."""
+        if self.workload.operated is None or len(tpg.products):
+            return tpg
+        section = self.workload.operated.scenario.assembly
+        return with_products(tpg, assembly_kind(section).written_out(), ())
 
     @cached_property
     def _ordered(self) -> int:
