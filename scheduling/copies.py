@@ -112,6 +112,12 @@ class _Copies:
         self.products = product[kept]
         # New index of each task of the pattern, by copy; -1 where it is left out.
         self.index = np.where(kept, np.cumsum(kept).reshape(kept.shape) - 1, -1)
+        # Tasks at the start of which robots have tools already, with these: they are taken once.
+        self.held = {
+            (int(tpg.chains[h.robot].task[h.node]), h.object)
+            for h in tpg.handlings
+            if tpg.holds_before(h)
+        }
         ends = [c.planned_start + c.duration for c in tpg.chains if len(c)]
         self.length_s = max(float(end.max()) for end in ends)
 
@@ -157,6 +163,7 @@ class _Copies:
             handlings = tuple(
                 Handling(self._name(h.object, copy), h.waypoint, h.holder, h.pose)
                 for h in task.handlings
+                if (task.index, h.object) not in self.held
             )
             yield replace(
                 task,
@@ -203,7 +210,8 @@ class _Copies:
         index = self.index[copy]
         for h in self.tpg.handlings:
             chain = self.tpg.chains[h.robot]
-            if index[chain.task[h.node]] < 0:
+            task = chain.task[h.node]
+            if index[task] < 0 or (copy and (task, h.object) in self.held):
                 continue
             yield NodeHandling(
                 self._name(h.object, copy),

@@ -184,6 +184,7 @@ class PartAssembly:
         supply: what comes up and leaves meanwhile.
         alike: groups of parts any of which may go where another one of its group has its goal; those
             without a goal stay where they are.
+        returns: whether robots end with the tools that they have at the start, as the plan is repeated.
     """
 
     goals: Mapping[str, Transform]
@@ -195,6 +196,7 @@ class PartAssembly:
     overlaps: Overlaps = field(default_factory=Overlaps)
     supply: Supply = field(default_factory=Supply)
     alike: tuple[tuple[str, ...], ...] = ()
+    returns: bool = False
 
     def handling(self, part: str) -> PartHandling:
         """Return the grips and straight paths of a part."""

@@ -143,6 +143,7 @@ class LazyCandidates:
             ),
             mounted=self._changes.mounted,
             changes=self._changes.costs,
+            returns=assembly.returns,
             kept=self._keeps,
         )
         return PartCandidates(

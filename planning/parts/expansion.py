@@ -91,6 +91,11 @@ class _Expansion:
         for earlier, last in self._candidates.paths.keeps.items():
             if last == number:
                 self._let_go(earlier, done)
+        if self._candidates.assembly.returns and number == len(self._candidates.steps):
+            now = before | dict(self._choice.tools)
+            for robot, tool in changes.mounted.items():
+                if now[robot] != tool:
+                    changes.change(build, robot, now[robot], tool)
         for lag in self._candidates.assembly.lags_after(step.name):
             words = f"{lag.least:g} s after {lag.step}"
             build.machine_task(str(lag.machine), TaskKind.LAG, words, None)
@@ -99,6 +104,8 @@ class _Expansion:
                 Handling(part, 1, Handling.GONE, pose) for part, pose in leaving.parts
             )
             build.machine_task(leaving.machine, TaskKind.LEAVE, "leaves", None, gone)
+        for own in supply.changeovers_after.get(number, ()):
+            build.machine_task(own.machine, TaskKind.CHANGEOVER, own.words, own.part)
         changes.allow_mounted(build, before)
         return self._with_depths(build.build())
 

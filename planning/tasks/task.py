@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -44,6 +44,7 @@ class TaskKind:
         PRESENT: after it the next part, or a full tray, is where it is picked.
         LEAVE: after it a finished product is gone.
         LAG: the least time between two steps passes, see ``TimeWindow``.
+        CHANGEOVER: a machine or a place is made ready for products of another variant.
         BROUGHT: after it something is there that was late, or that a person brings or sees to.
         GOES_ON: the remaining work of a machine that was at work when a plan began in the middle.
         SUPPLY: tasks of machines that work at no part.
@@ -70,9 +71,10 @@ class TaskKind:
     PRESENT = "present"
     LEAVE = "leave"
     LAG = "lag"
+    CHANGEOVER = "change-over"
     BROUGHT = "brought"
     GOES_ON = "goes-on"
-    SUPPLY = (ARRIVE, PRESENT, LEAVE, LAG, BROUGHT, GOES_ON)
+    SUPPLY = (ARRIVE, PRESENT, LEAVE, LAG, CHANGEOVER, BROUGHT, GOES_ON)
 
 
 @dataclass(frozen=True)
@@ -216,9 +218,21 @@ def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
     return replace(cell, objects=(*cell.objects, *new)) if new else cell
 
 
-def is_product_task(task: Task) -> bool:
-    """Tell whether a robot or a machine does a task on a product."""
-    return task.kind not in (TaskKind.TRANSIT, "pick", *TaskKind.SUPPLY)
+def changed_tools(tasks: Iterable[Task]) -> frozenset[str]:
+    """Return the names of the tools that robots leave in racks or take from there in some tasks."""
+    changes = TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL
+    return frozenset(str(task.object) for task in tasks if task.kind in changes)
+
+
+def is_work(task: Task, tools: Collection[str] = ()) -> bool:
+    """Tell whether a robot or a machine works for a product, and not with one of the tools at its rack."""
+    others = TaskKind.TRANSIT, *TaskKind.SUPPLY
+    return task.kind not in others and task.object not in tools
+
+
+def is_product_task(task: Task, tools: Collection[str] = ()) -> bool:
+    """Tell whether a robot or a machine does a task on a product, beyond taking a part for it."""
+    return task.kind != "pick" and is_work(task, tools)
 
 
 def strongest_exception(

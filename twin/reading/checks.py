@@ -79,10 +79,6 @@ def _check_tools(scenario: Scenario) -> Problems:
             words = f"{robot.tool} is changed by {owners[robot.tool]}"
             at = _place(scenario.cell, i, "tool")
             yield at, f"{words}: describe another one for {robot.name}"
-    products = getattr(scenario.assembly, "products", None)
-    if owners and products is not None:
-        where: KeyPath = ("assembly", "products")
-        yield where, "tools are not changed yet where products are made again and again"
 
 
 def _check_tool_speeds(scenario: Scenario) -> Problems:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from planning.tasks.task import TaskKind
+from planning.tasks.task import TaskKind, changed_tools
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
@@ -19,7 +19,6 @@ from twin.uncertainty.stop import StopCode
 
 _BRINGING = (TaskKind.ARRIVE, TaskKind.PRESENT, TaskKind.BROUGHT)
 _CLEARING = (TaskKind.LEAVE, "pick")
-_CHANGING = (TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL)
 
 
 class State(StrEnum):
@@ -27,7 +26,7 @@ class State(StrEnum):
 
     Attributes:
         WORKING: it moves or works, failed attempts included.
-        SETUP: it changes its tool, with the way to the rack.
+        SETUP: it changes its tool, with the way to the rack, or is changed over, or waits for a changeover.
         WAITING: a part has not come from its source yet.
         STARVED: the work of another one, on which its next task depends, is not done yet.
         BLOCKED: its next place, or the way there, is not free; of a machine also that it is done and its
@@ -192,16 +191,15 @@ def worker_times(
         since, until = np.where(at[:, None] > 0, taken[at - 1], never), begun[at]
         wait = own(np.clip(latest[edges], since, until)) - own(since)
         spent = dict.fromkeys(STATES, never)
-        for cause in (State.WAITING, State.STARVED, State.BLOCKED):
+        for cause in (State.SETUP, State.WAITING, State.STARVED, State.BLOCKED):
             here = state[edges] == _INDEX[cause]
             spent[cause] = np.where(here, wait, 0).sum(axis=0)
         spent[State.BLOCKED] = spent[State.BLOCKED] + _sum(own(taken)) - _sum(own(done))
         stands, broken = _sum(stood_ns[rows]), _sum(down_ns[rows])
-        spent[State.SETUP] = _sum(
-            own(done[sets]) - own(begun[sets]) - stood_ns[rows][sets]
-        )
+        changes = _sum(own(done[sets]) - own(begun[sets]) - stood_ns[rows][sets])
         work = _sum(own(done)) - _sum(own(begun)) - stands
-        spent[State.WORKING] = work - spent[State.SETUP]
+        spent[State.SETUP] = spent[State.SETUP] + changes
+        spent[State.WORKING] = work - changes
         spent[State.DOWN], spent[State.STOPPED] = broken, stands - broken
         spent[State.IDLE] = own(total) - own(never) - sum(spent.values())
         found[place] = list(spent.values())
@@ -224,6 +222,7 @@ def _binding_edges(
     task = np.concatenate([chain.task for chain in tpg.chains])
     kinds = dict.fromkeys(_BRINGING, State.WAITING)
     kinds |= dict.fromkeys(_CLEARING, State.BLOCKED)
+    kinds[TaskKind.CHANGEOVER] = State.SETUP
     of_task = [_INDEX[kinds.get(t.kind, State.STARVED)] for t in tpg.tasks]
     conflict = tpg.cause[order] == MOTION_CONFLICT
     of_edge = np.where(conflict, _INDEX[State.BLOCKED], np.array(of_task)[task[source]])
@@ -238,12 +237,13 @@ def _binding_edges(
 
 
 def _setup_nodes(tpg: TemporalPlanGraph) -> npt.NDArray[np.bool_]:
-    """Tell which nodes handle a tool at its rack, or bring a robot there, shape (nodes,)."""
-    tools = {task.object for task in tpg.tasks if task.kind in _CHANGING}
+    """Tell which nodes are changeovers, handle a tool at its rack or bring a robot there, shape (nodes,)."""
+    tools = changed_tools(tpg.tasks)
     found = []
     for chain in tpg.chains:
         tasks = [tpg.tasks[k] for k in chain.task.tolist()]
-        sets = [task.object in tools for task in tasks]
+        changes = (task.kind == TaskKind.CHANGEOVER for task in tasks)
+        sets = [c or t.object in tools for c, t in zip(changes, tasks, strict=True)]
         for n in range(len(tasks) - 2, -1, -1):
             sets[n] |= sets[n + 1] and tasks[n].kind == TaskKind.TRANSIT
         found.append(np.array(sets, dtype=np.bool_))

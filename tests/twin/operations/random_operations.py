@@ -30,6 +30,7 @@ from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operations.operated import STACK, operated, planned
 from tests.twin.operations.reworked import REWORKED
+from tests.twin.scenarios.tool_line import AT_RACKS, tool_line
 from twin.operations.operation import Operation
 from twin.runs.events import Event
 from twin.runs.trajectory import object_placements
@@ -97,6 +98,10 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
             "machines": {},
             "window": {"steps": 5, "least": 2},
         },
+    ),
+    "tools in a line": (
+        lambda: tool_line(Path(tempfile.mkdtemp(prefix="railed-"))) + AT_RACKS,
+        {"assembly.products": {"count": 2, "spare": 1, "in_progress": 2}},
     ),
     "truss": (lambda: _shipped("assembly/truss"), {}),
     "tower": (

@@ -39,7 +39,10 @@ OF_STOP = {
     "breakdown": State.DOWN,
     "emergency": State.STOPPED,
 }
-KINDS = ("arrive", "leave", "pick", "place-down", "transit", "leave-tool", "glue")
+KINDS = (
+    *("arrive", "leave", "pick", "place-down", "transit", "leave-tool", "glue"),
+    TaskKind.CHANGEOVER,
+)
 CLOCK = Disturbances(
     breakdowns=Breakdowns(
         mtbf=Uniform(low_s=2, high_s=9), mttr=Fixed(value_s=1.5), clock="run"
@@ -84,7 +87,7 @@ def oracle(
         return tpg.task_at(chain, node)
 
     def sets_up(node: int) -> bool:
-        if task(node).object in tools:
+        if task(node).object in tools or task(node).kind == "change-over":
             return True
         last = node == len(start) - 1
         return not last and task(node).kind == "transit" and sets_up(node + 1)
@@ -108,6 +111,8 @@ def oracle(
                         why = State.BLOCKED
                     elif kind == "arrive":
                         why = State.WAITING
+                    elif kind == "change-over":
+                        why = State.SETUP
                     waits.append((-run.end_ns[k][m], STATES.index(why)))
             if waits and -min(waits)[0] > a:
                 state = STATES[min(waits)[1]]

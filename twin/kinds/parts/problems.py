@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from itertools import chain
 
 import networkx as nx
 
@@ -11,8 +12,12 @@ from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import find_alike_problems
 from twin.kinds.parts.line import OUTFEED, Line, feeding_machine
 from twin.kinds.parts.section import PartsSection, StepSection
+from twin.kinds.parts.sources import VariantSection
 from twin.kinds.statics import check_distinct_ends
 from twin.scenario.sections.cell import CellSection
+
+_MOST_OF_VARIANTS = 5000
+"""Most products where they are of several variants."""
 
 
 def find_part_problems(section: PartsSection, cell: CellSection) -> Problems:
@@ -25,6 +30,7 @@ def find_part_problems(section: PartsSection, cell: CellSection) -> Problems:
     yield from find_alike_problems(section)
     yield from _check_steps(section)
     yield from _check_line(section)
+    yield from _check_variants(section)
     yield from _check_work(section, cell)
 
 
@@ -222,6 +228,80 @@ def _check_line(section: PartsSection) -> Problems:
         yield ("assembly", "order"), f"parts of sources {words}"
 
 
+def _check_variants(section: PartsSection) -> Problems:
+    """Yield unknown and empty variants, and steps that need a part which their products do not have."""
+    products = section.products
+    variants = products.variants if products else {}
+    none, at = "there are no variants: give products.variants", ("assembly", "products")
+    for k, step in enumerate(section.steps):
+        for i, name in enumerate(step.variants or ()):
+            own = ("assembly", "steps", k, "variants", i)
+            yield from check_known_name(own, "variant", name, variants, none)
+    yield from _check_changeovers(section, variants)
+    if products is None or not variants:
+        return
+    if products.count + products.spare > _MOST_OF_VARIANTS:
+        words = f"at most {_MOST_OF_VARIANTS} products of several variants are planned, spare ones included"
+        yield (*at, "count"), words
+    order = () if isinstance(products.order, str) else products.order
+    for i, name in enumerate(order):
+        yield from check_known_name((*at, "order", i), "variant", name, variants)
+    for name, variant in variants.items():
+        if order and name not in order:
+            words = f"order has no {name}: name it there, or leave {name} out"
+            yield (*at, "variants", name), words
+        if order and variant.share is not None:
+            words = "order says how many there are: leave share out"
+            yield (*at, "variants", name, "share"), words
+        if not section.of_variant(name).placed:
+            words = f"no step of {name} puts a part in its place: let one name it in variants"
+            yield (*at, "variants", name), words
+    for i, part in enumerate(section.parts):
+        if part.several:
+            words = f"{part.name} stands for parts that are alike, and products of several variants have none"
+            yield ("assembly", "parts", i), f"{words}: give each an entry of its own"
+    for k, step in enumerate(section.steps):
+        needed = [step.hold, step.at.part if step.at else None]
+        needed += [step.place] if step.at else []
+        for thing in {*needed} & {*section.placed}:
+            puts = [
+                s.variants or variants
+                for s in section.steps
+                if s.place == thing and not s.at
+            ]
+            has = {*(step.variants or variants)} & variants.keys()
+            lacking = sorted(has - {*chain(*puts)})
+            if lacking:
+                words = f"of variant {lacking[0]} no step puts {thing} in its place, which this step needs"
+                yield ("assembly", "steps", k), f"{words}: give this step variants"
+
+
+def _check_changeovers(
+    section: PartsSection, variants: Mapping[str, VariantSection]
+) -> Problems:
+    """Yield changeovers of unknown machines and variants, and second ones of a machine."""
+    changed: dict[str | None, int] = {}
+    none = "there are no variants: give products.variants"
+    for i, item in enumerate(section.changeovers):
+        at: KeyPath = ("assembly", "changeovers", i)
+        known = "there are no machines: leave machine out"
+        yield from check_known_name(
+            (*at, "machine"), "machine", item.machine, section.machines, known
+        )
+        if item.duration is not None and not variants:
+            yield at, none
+        for before, times in item.durations.items():
+            own = (*at, "durations", before)
+            yield from check_known_name(own, "variant", before, variants, none)
+            for name in times:
+                yield from check_known_name(
+                    (*own, name), "variant", name, variants, none
+                )
+        if (first := changed.setdefault(item.machine, i)) != i:
+            words = f"changeovers.{first} is of {item.machine or 'the whole cell'} already: say it there"
+            yield at, words
+
+
 def machine_names(section: PartsSection) -> Problems:
     """Yield the names of machines, each with its key."""
     for name, source in section.sources.items():
@@ -237,6 +317,9 @@ def machine_names(section: PartsSection) -> Problems:
         for lag in own:
             if lag.machine is not None:
                 yield ("assembly", "steps", number - 1, "after"), lag.machine
+    for i, item in enumerate(section.changeovers):
+        if item.chain != item.machine:
+            yield ("assembly", "changeovers", i), item.chain
     if section.products is not None:
         yield ("assembly", "products"), OUTFEED
 

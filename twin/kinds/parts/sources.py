@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from planning.transforms import Transform, read_only_copy, translation
-from twin.document.section import PairOf, Section, Several, with_tuples
+from twin.document.section import Name, PairOf, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
+from twin.kinds.parts.best_sequence import (
+    Objective,
+    SequenceModel,
+    best_sequence,
+    counts_by_shares,
+)
+from twin.kinds.parts.variants import repeated_sequence, sequence_by_shares
 from twin.scenario.sections.shapes import PoseSection
 
 # Value ranges of keys.
@@ -186,15 +195,53 @@ class DueSection(Section):
     first_s: Seconds
     every_s: Seconds
 
+    def first(self, count: int) -> tuple[float, ...]:
+        """Return when each of a number of first products is due [s]."""
+        return tuple(self.first_s + k * self.every_s for k in range(count))
+
+
+class VariantSection(Section):
+    """A variant of the products: it has the steps that name it in ``variants``, and those that name none.
+
+    Attributes:
+        share: how many of the products are of it, in proportion to the shares of the other variants; 1 when not
+            given.
+        cycle_s: time from one of its products to the next, where ``order: best`` looks at lateness.
+        due: when its products are due, in place of ``due`` of all.
+    """
+
+    share: Annotated[float, Field(ge=0, le=1e6)] | None = None
+    cycle_s: PositiveSeconds | None = None
+    due: DueSection | None = None
+
+
+def _share_spelt_out(variant: Any) -> Any:
+    """Return a variant in full: a number alone is its share."""
+    number = isinstance(variant, int | float) and not isinstance(variant, bool)
+    return {"share": float(variant)} if number else with_tuples(variant)
+
+
+Variant = Annotated[
+    VariantSection,
+    BeforeValidator(_share_spelt_out, json_schema_input_type=VariantSection | float),
+]
+
 
 class ProductsSection(Section):
     """How many products are made, what becomes of them, and when they are due.
 
     Attributes:
         count: number of products.
+        variants: kinds of products, by name; with a number its share. All are equal when not given.
+        order: in which order variants are made: ``drawn`` draws each product by the shares; names of variants are
+            repeated until there are enough products; ``best`` looks for the sequence in which ``objective`` is least.
+        objective: ``makespan``, the number of ``changeovers``, or the sum of ``lateness``.
+        seed: of these draws.
         places: a pallet: product by product stands in the next of its places, moved from
             ``goal`` along the axes of the world; the pallet leaves when it is full. Every product
             leaves on its own when not given.
+        in_progress: greatest number of products that are begun and not complete at a time; any number when not
+            given.
         leave_s: time until a finished product, or a full pallet, is gone.
         leave: distribution of that time, in place of ``leave_s``.
         due: when they are due: the first and the time between two, or one time a product.
@@ -206,13 +253,20 @@ class ProductsSection(Section):
 
     count: Annotated[int, Field(ge=1, le=100_000)]
     spare: Annotated[int, Field(ge=0, le=100_000)] = 0
+    variants: dict[Name, Variant] = Field(default_factory=dict)
+    order: Literal["drawn", "best"] | Several[Name] = "drawn"
+    objective: Objective = "makespan"
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     places: GridSection | None = None
+    in_progress: Annotated[int, Field(ge=1, le=100)] | None = None
     leave_s: Seconds = 0.0
     leave: AnyDuration | None = None
     due: DueSection | Several[Seconds] | None = None
     start_up: Annotated[int, Field(ge=0, le=100_000)] | Literal["auto"] | None = None
 
     not_both = (("leave_s", "leave"),)
+
+    _changes: tuple[tuple[float, ...], ...] = PrivateAttr(default=())
 
     @model_validator(mode="after")
     def _fits_together(self) -> ProductsSection:
@@ -224,7 +278,67 @@ class ProductsSection(Section):
             raise ValueError(
                 "of the products at least two must be left after start_up to tell a takt"
             )
+        own = self.variants.values()
+        if not own and (self.order != "drawn" or self.seed):
+            raise ValueError("order and seed are of variants: give variants")
+        if own and not any(self.shares.values()):
+            raise ValueError("no variant has a share above 0: give one of them a share")
+        if own and self.order == "best":
+            self._check_best()
+        elif self.objective != "makespan":
+            raise ValueError("objective is of order: best")
+        if len({self.due is None and one.due is None for one in own}) > 1:
+            raise ValueError("give due for each of the variants, for all, or for none")
         return self
+
+    def _check_best(self) -> None:
+        counts = counts_by_shares(self.shares, self.count)
+        for name, count in zip(self.variants, counts, strict=True):
+            if not count:
+                words = f"of {self.count} products none is of {name} by its share"
+                raise ValueError(f"{words}: give it a larger one, or leave it out")
+            if self.objective == "lateness" and self.variants[name].cycle_s is None:
+                raise ValueError(f"lateness needs cycle times: give {name} cycle_s")
+        if self.objective == "lateness" and not (self.due or self.variants[name].due):
+            raise ValueError("nothing can be late: give due")
+
+    def set_changes(self, changes: tuple[tuple[float, ...], ...]) -> None:
+        """Set the changeover times from each variant to each other, by rows [s], while the assembly is made."""
+        self._changes = changes
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Shares of the variants by name."""
+        given = ((name, own.share) for name, own in self.variants.items())
+        return {name: 1.0 if share is None else share for name, share in given}
+
+    def sequence(self, count: int) -> tuple[str, ...]:
+        """Return the variant of each of a number of first products; empty without variants."""
+        if not self.variants:
+            return ()
+        if self.order == "drawn":
+            return sequence_by_shares(self.shares, count, self.seed)
+        order = self._best_order() if self.order == "best" else self.order
+        return repeated_sequence(order, count)
+
+    def _best_order(self) -> tuple[str, ...]:
+        counts = counts_by_shares(self.shares, self.count)
+        own, late = self.variants.values(), self.objective == "lateness"
+        model = SequenceModel(
+            counts,
+            tuple(item.cycle_s or 0.0 for item in own),
+            self._changes or ((0.0,) * len(counts),) * len(counts),
+            tuple(
+                item.due.first(count)
+                for item, count in zip(own, counts, strict=True)
+                if item.due and late
+            ),
+            self.due.first(self.count)
+            if isinstance(self.due, DueSection)
+            else self.due or (),
+        )
+        names = list(self.variants)
+        return tuple(names[k] for k in best_sequence(model, self.objective))
 
     @property
     def leave_time(self) -> AnyDuration:
@@ -233,7 +347,15 @@ class ProductsSection(Section):
 
     def due_s(self) -> tuple[float, ...]:
         """Return when each product is due [s], nothing where they are not."""
-        if isinstance(self.due, DueSection):
-            first, every = self.due.first_s, self.due.every_s
-            return tuple(first + k * every for k in range(self.count))
-        return self.due or ()
+        return tuple(self._due_s())
+
+    def _due_s(self) -> Iterator[float]:
+        made = Counter[str]()
+        for k, variant in enumerate(self.sequence(self.count) or [""] * self.count):
+            own = self.variants[variant].due if variant in self.variants else None
+            number, due = (k, self.due) if own is None else (made[variant], own)
+            made[variant] += 1
+            if isinstance(due, DueSection):
+                yield due.first_s + number * due.every_s
+            elif due is not None:
+                yield due[k]
