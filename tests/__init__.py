@@ -1,1 +1,1 @@
-"""Tests of the program; a regular package, as third parties (Ciw) install one of the same name."""
+"""Tests; a package, as libraries install packages of this name, which would be found first."""
