@@ -248,10 +248,12 @@ FIGURES = Group(
     {
         "cell": "twin.checks.picture:scenario_figure",
         "run": "twin.drawing.gantt:gantt_figure",
+        "products": "twin.throughput.product_gantt:run_products_figure",
     },
 )
 """Pictures for notebooks and runs; ``cell`` is called with a scenario and the folder of its relative paths, ``run``
-with the graph, the record and the events of a run, its ``title`` and the name of its ``plan``."""
+with the graph, the record and the events of a run, its ``title`` and the name of its ``plan``, ``products`` with
+graph, record and what the hook ``line`` asks; it may return None."""
 
 EXECUTORS = Group(
     "executors",

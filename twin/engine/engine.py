@@ -136,6 +136,7 @@ class Simulator:
             makespan_ns=makespan,
             standstills=times.standstills,
             stops_ns=times.stopped_until(makespan),
+            stopped_by_code_ns=times.stopped_by_code(makespan),
             failed_nodes=failed,
             failure="; ".join(
                 describe_failure(self.tpg, times, k)

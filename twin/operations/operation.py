@@ -218,7 +218,7 @@ def operate(
     kind = assembly_kind(scenario.assembly).written_out()
     scrapped = _products_of(ledger.given_up, kind)
     reworked = _products_of(ledger.reworked, kind) or ({1} if ledger.reworked else ())
-    executed = _with_products(executed, kind, undone)
+    executed = with_products(executed, kind, undone)
     last = world_state_after(executed, [len(chain) for chain in executed.chains])
     in_hand = any(at.holder in replanner.out for at in last.attachments.values())
     ends = [max(own, default=0) for own in cell.end]
@@ -237,6 +237,7 @@ def operate(
         makespan_ns=makespan,
         standstills=used(times.standstills),
         stops_ns=used(times.stopped_until(makespan)),
+        stopped_by_code_ns=used(times.stopped_by_code(makespan)),
         failed_nodes=(-1,) * len(executed.chains),
         failure="; ".join([*ended, *reasons] if outcome != "completed" else []),
         raised_skills=times.raised,
@@ -265,10 +266,10 @@ def _products_of(steps: Iterable[int], kind: AssemblyKind) -> set[int]:
     return set() if kind.products() == 1 else set(map(kind.product_of, steps))
 
 
-def _with_products(
+def with_products(
     executed: TemporalPlanGraph, kind: AssemblyKind, undone: Collection[int]
 ) -> TemporalPlanGraph:
-    """Return the executed graph with the product of each task, 0 for incomplete products."""
+    """Return a graph with the product of each task, 0 for products of which steps are not done."""
     if kind.products() == 1:
         return executed
     left = _products_of(undone, kind)

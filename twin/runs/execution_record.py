@@ -13,6 +13,7 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.uncertainty.node_times import Standstill
+from twin.uncertainty.stop import StopCode
 from twin.uncertainty.stop_times import StoppedClock
 
 Outcome = Literal["completed", "failed", "aborted"]
@@ -62,6 +63,8 @@ class ExecutionRecord:
         standstills: what ``stood_ns`` is made of, one entry a chain.
         stops_ns: when each robot was stopped by the clock, also in the middle of a node:
             start and end, without overlaps, one entry a chain [ns]. Node times include this.
+        stopped_by_code_ns: how long each robot was stopped by the clock, by code of ``twin.uncertainty.stop`` [ns];
+            empty without stops.
         failed_nodes: the node at which each robot failed for good, -1 for none.
         failure: the failed task, for people; empty without a failure.
         raised_skills: number of skills that were drawn shorter than their joints' speed limits
@@ -90,6 +93,7 @@ class ExecutionRecord:
     failed_nodes: tuple[int, ...]
     failure: str
     raised_skills: int = 0
+    stopped_by_code_ns: tuple[Mapping[StopCode, int], ...] = ()
     commands: tuple[Array, ...] = ()
     speed_override: tuple[Array, ...] = ()
     measured: Mapping[str, Measured] = field(default_factory=dict)

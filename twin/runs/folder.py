@@ -19,6 +19,7 @@ TRAJECTORY = "trajectory.parquet"
 OBJECTS = "objects.parquet"
 RECORDING = "run.rrd"
 GANTT = "gantt.png"
+PRODUCTS = "products.png"
 SUMMARY = "summary.json"
 TURNS = "in-turns"
 """Folder of the plan in turns, where another plan was made of it."""
@@ -31,7 +32,7 @@ VERSIONS = "versions"
 
 _RESULTS = (
     *(TURNS, FIRST, VERSIONS, "manifest.json", "plan.json", "plan.npz"),
-    *(EVENTS, TRAJECTORY, OBJECTS, RECORDING, GANTT, "measured.csv"),
+    *(EVENTS, TRAJECTORY, OBJECTS, RECORDING, GANTT, PRODUCTS, "measured.csv"),
     *(SUMMARY, "compare.json", "compare.png"),
 )
 _LAST = (SUMMARY, "compare.json")  # written when all else has been

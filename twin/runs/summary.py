@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,9 @@ _MOST_VIOLATIONS = 10
 _MILLIMETRES = {"contact": "deep", "jump": "far"}
 """Word after the length of a violation, by kind; for other kinds no length is printed."""
 
+_FACTORS = ("availability", "performance", "quality", "oee")
+"""Figures of robots and machines of a line that are no shares of time."""
+
 _STAGES = {
     "sequence": "which brick when",
     "assignment": "who does what",
@@ -57,8 +60,7 @@ def summarize_run(
     scenario: str,
     header: RunHeader = _UNKNOWN,
     audit: Mapping[str, Any] | None = None,
-    due_s: Sequence[float] = (),
-    start_up: int | None = None,
+    *orders: Any,
 ) -> dict[str, Any]:
     """Return the figures of a run, with the keys of ``summary.json``.
 
@@ -69,8 +71,8 @@ def summarize_run(
         header: header of the run. If it has no makespan of sequential execution, that is computed
             from the same nodes with the same durations, one robot at a time.
         audit: findings of the audit, None if there was none.
-        due_s: when each product is due, where there are several [s].
-        start_up: products at the beginning that do not count for throughput and takt.
+        orders: of several products what the hook ``line`` asks: due times, start-up, variants, and numbers of
+            those that were scrapped.
     """
     robots = [k for k in range(len(tpg.chains)) if k not in tpg.machine_chains()]
     completed = run.outcome == "completed"
@@ -98,7 +100,7 @@ def summarize_run(
         "assignment_search": header.assignment_search,
     }
     if "line" in HOOKS:
-        further["line"] = HOOKS.load("line")(tpg, run, due_s, start_up)
+        further["line"] = HOOKS.load("line")(tpg, run, *orders)
     return {
         "scenario": scenario,
         "seed": run.seed,
@@ -265,10 +267,15 @@ def summary_rows(
     else:
         rows.append(("ended after", f"{makespan:.2f} s", ""))
     rows += _line_rows(summary.get("line"))
+    workers = (summary.get("line") or {}).get("workers", {})
     for robot, seconds in summary["wait_s"].items():
+        if robot in workers:
+            continue
         share = f"{100 * seconds / makespan:.1f} % of the time" if makespan > 0 else ""
         rows.append((f"wait of {robot}", f"{seconds:.2f} s", share))
     for name, own in summary.get("machines", {}).items():
+        if name in workers:
+            continue
         down = f", down for {own['down_s']:.2f} s" if own["down_s"] else ""
         share = f"{100 * own['utilisation']:.1f} % of the time{down}"
         rows.append((f"{name} with a part", f"{own['busy_s']:.2f} s", share))
@@ -344,6 +351,21 @@ def _line_rows(line: Mapping[str, Any] | None) -> list[tuple[str, str, str]]:
     if due := line["due"]:
         worst = f"lateness at most {due['greatest_lateness_s']:+.2f} s"
         rows.append(("late products", str(due["late"]), worst))
+    for name, own in line.get("variants", {}).items():
+        known = [
+            (own["service_level"], "in time"),
+            (own["first_pass_yield"], "first pass"),
+        ]
+        words = ", ".join(
+            f"{100 * x:.1f} % {what}" for x, what in known if x is not None
+        )
+        rows.append((f"variant {name}", str(own["products"]), words))
+    for name, own in line.get("workers", {}).items():
+        shares = [(x, what) for what, x in own.items() if x and what not in _FACTORS]
+        longest = sorted(shares, reverse=True)[:3]
+        words = ", ".join(f"{state} {100 * share:.1f} %" for share, state in longest)
+        oee = "-" if own["oee"] is None else f"OEE {100 * own['oee']:.1f} %"
+        rows.append((f"time of {name}", oee, words))
     return rows
 
 

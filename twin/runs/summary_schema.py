@@ -97,6 +97,12 @@ class _Due(TypedDict):
     greatest_lateness_s: float
 
 
+class _Variant(TypedDict):
+    products: int
+    service_level: float | None
+    first_pass_yield: float | None
+
+
 class _Line(TypedDict):
     products: int
     start_up: int
@@ -105,6 +111,8 @@ class _Line(TypedDict):
     cycle_time_s: _CycleTime
     work_in_progress: float | None
     due: _Due | None
+    workers: NotRequired[dict[str, dict[str, float | None]]]
+    variants: NotRequired[dict[str, _Variant]]
 
 
 class _Version(TypedDict):

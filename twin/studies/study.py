@@ -29,7 +29,6 @@ from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.recorders.run_tables import write_motion
 from twin.runs.policies import OPEN_LOOP, named_policies
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import apply_variation, is_of_execution, layout_of
 from twin.studies.folder import (
@@ -72,7 +71,7 @@ from twin.studies.plans import (
     workloads,
 )
 from twin.studies.pose_errors import drawn_base, drawn_deviations
-from twin.studies.products import product_columns, product_times
+from twin.studies.products import orders_of, product_columns, study_product_times
 from twin.studies.replications.block_results import cell_tally
 from twin.studies.replications.experiment import Experiment
 from twin.studies.replications.runner import OpenExecutor, run_replications
@@ -280,11 +279,9 @@ def _write_products(request: StudyRequest, folder: Path) -> None:
     """Write the tables of products, where there are several."""
     columns: list[dict[str, Any] | None] = []
     for cell, (_, variant) in enumerate(request.experiment.cells):
-        times = product_times(folder / BLOCKS, cell)
-        due_s, _ = assembly_kind(
-            apply_variation(request.scenario, variant).assembly
-        ).due()
-        columns.append(None if times is None else product_columns(times, due_s))
+        times = study_product_times(folder / BLOCKS, cell)
+        orders = orders_of(apply_variation(request.scenario, variant))
+        columns.append(None if times is None else product_columns(times, orders))
     write_cells(folder / PRODUCTS, request.experiment, columns)
 
 

@@ -18,7 +18,6 @@ from planning.transforms import Array
 from twin.audits.worlds.engines import engine_and_version, engine_named
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.runs.policies import OPEN_LOOP, PLAIN_POLICIES, preferred_policy
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.variations import (
     Variant,
     apply_variation,
@@ -27,7 +26,11 @@ from twin.scenario.variations import (
 )
 from twin.studies.folder import RefusedLayout, StudyRequest
 from twin.studies.operated_figures import OperatedSummary
-from twin.studies.products import LineSummary, line_summary, product_times
+from twin.studies.products import (
+    LineSummary,
+    line_summary,
+    orders_of,
+)
 from twin.studies.replications.block_results import (
     COMPLETED,
     ERROR,
@@ -243,10 +246,9 @@ def summarise_study(
         found["event_engine_because"] = load.reasons
         if hits := audits.get(cell):
             found |= _collided(experiment, hits)
-        times = product_times(blocks, cell)
-        if times is not None:
-            due = assembly_kind(own.assembly).due()
-            found["line"] = line_summary(times, due, confidence)
+        line = line_summary(blocks, cell, load, orders_of(own), confidence)
+        if line is not None:
+            found["line"] = line
         if (passed := cell_part(blocks, cell, "windows")) is not None:
             about = load.tpg, load.execution.hold, passed, samples[cell]
             found["windows"] = windows_summary(*about, confidence)

@@ -1,18 +1,22 @@
-"""Performance of a production line: start and completion of products, takt, throughput, work in progress."""
+"""Performance of a production line: takt, throughput, work in progress, lateness and yield, of all products and by variant."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from planning.tasks.task import changed_tools, is_product_task, is_work
+from planning.tasks.task import TaskKind, changed_tools, is_product_task, is_work
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
+from twin.host.atomic_files import finite_or_none
 from twin.runs.execution_record import ExecutionRecord
+from twin.scenario.sections.kind import StartUp
+from twin.throughput.states import ratio, run_worker_times, worker_chains
 
 _START_UP = 0.1
 """Default fraction of products in the start-up phase, which throughput and takt exclude."""
@@ -84,75 +88,221 @@ def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
     return ProductNodes(*columns)
 
 
+@dataclass(frozen=True)
+class ProductTimes:
+    """Products of replications, a row for each place of the order, shape (places, replications) each.
+
+    A product that is made in place of one that was not completed has its place.
+
+    Attributes:
+        product_begin_ns, product_end_ns: begin and completion, -1 where none was completed [ns].
+        products_made: products made for the place, complete or scrapped.
+        products_passed: those of them that are complete and had no failure for good at a step.
+    """
+
+    product_begin_ns: Nanoseconds
+    product_end_ns: Nanoseconds
+    products_made: Indices
+    products_passed: Indices
+
+
+def product_times(
+    tpg: TemporalPlanGraph,
+    start_ns: Nanoseconds,
+    end_ns: Nanoseconds,
+    ordered: int = 0,
+    scrapped: Collection[int] = (),
+) -> ProductTimes | None:
+    """Return the products of replications of a plan; None for fewer than two.
+
+    Args:
+        tpg: the executed plan, contracted or not; tasks for incomplete products belong to no product.
+        start_ns, end_ns: of every node through all chains, shape (nodes, replications) [ns].
+        ordered: number of products of the order, by default the greatest number of a product; further
+            ones have places after those.
+        scrapped: numbers of the products that were begun and are not complete.
+    """
+    nodes = product_nodes(tpg)
+    if nodes is None:
+        return None
+    complete = set(nodes.products.tolist())
+    begun = sorted(complete.union(scrapped))
+    ordered = ordered or begun[-1]
+    missing = [k for k in range(ordered) if k + 1 not in complete]
+    place, rows = dict[int, int](), ordered
+    for number in begun:
+        row = number - 1 if number <= ordered else missing[0] if missing else rows
+        place[number] = row
+        if number > ordered and number in complete:
+            missing, rows = missing[1:], max(rows, row + 1)
+    rows = max(rows, 1 + max(place.values()))
+    tasks = (task.index for task in tpg.tasks if task.kind == TaskKind.FAILED)
+    failed = {int(tpg.products[index]) for index in tasks}
+    begin, end = (np.full((rows, end_ns.shape[1]), -1, np.int64) for _ in range(2))
+    made, passed = np.zeros_like(begin), np.zeros_like(begin)
+    for number, row in place.items():
+        made[row] += 1
+        passed[row] += number in complete and number not in failed
+    own = [place[number] for number in nodes.products.tolist()]
+    begin[own], end[own] = nodes.begin(start_ns), nodes.end(end_ns)
+    return ProductTimes(begin, end, made, passed)
+
+
+def run_product_times(
+    tpg: TemporalPlanGraph,
+    run: ExecutionRecord,
+    ordered: int = 0,
+    scrapped: Collection[int] = (),
+) -> ProductTimes | None:
+    """Return the products of a run, see ``product_times``; None also for an unfinished run."""
+    if any((own < 0).any() for own in run.end_ns):
+        return None
+    starts, ends = (np.concatenate(own)[:, None] for own in (run.start_ns, run.end_ns))
+    return product_times(tpg, starts, ends, ordered, scrapped)
+
+
 def start_up_of(products: int, asked: int | None = None) -> int:
     """Return the number of products of the start-up, so that at least two others are left."""
     wanted = int(np.ceil(_START_UP * products)) if asked is None else asked
     return max(0, min(wanted, products - 2))
 
 
+def settled_start_up(times: ProductTimes, asked: StartUp = None) -> int:
+    """Return the number of products of the start-up.
+
+    Args:
+        times: of the products.
+        asked: a number; None for a tenth; ``auto`` for what MSER-5 leaves out of the times between
+            completions or of the cycle times, whichever is more. Of several replications their means count.
+    """
+    begin, end = times.product_begin_ns, times.product_end_ns
+    if asked == "auto":
+        series = takts_s(end, 0), seconds(end) - seconds(begin)
+        asked = max(mser(mean_known(own, axis=1)) for own in series)
+    return start_up_of(len(end), asked)
+
+
+def mser(values: Array, batch: int = 5) -> int:
+    """Return how many first values are left out for the least standard error of the mean of the rest (MSER-5).
+
+    At most half of the values are (White, 1997).
+
+    Args:
+        values: in order, shape (n,); those that are not known do not count.
+        batch: values of a batch, whose means are taken; what is left over at the end does not count.
+    """
+    known = values[np.isfinite(values)]
+    means = known[: len(known) // batch * batch].reshape(-1, batch).mean(axis=1)
+    if len(means) < 2:
+        return 0
+    rests = [means[k:] for k in range(len(means) // 2 + 1)]
+    return batch * int(np.argmin([rest.var() / len(rest) for rest in rests]))
+
+
 @dataclass(frozen=True)
 class LineFigures:
-    """Figures of a line in some replications, each of shape (replications,).
+    """Figures of a line in some replications, each of shape (replications,); NaN for what is not known.
 
     Attributes:
-        takt_s: mean time from one completion to the next, after the start-up [s].
-        cycle_s: mean time from the begin of a product to its completion, after it [s].
-        in_progress: mean number of products begun and not complete, after it.
-        late: share of products that are complete after they are due, NaN where they are not due.
+        throughput_per_h: products an hour, after the start-up.
+        takt_s: mean time from one completion to the next, after it [s].
+        cycle_time_s: mean time from the begin of a product to its completion, after it [s].
+        work_in_progress: mean number of products begun and not complete, after it.
+        service_level: share of the ordered products that are complete when they are due.
         lateness_s: mean time by which products are complete after they are due, negative where
             they are early [s].
+        first_pass_yield: share of the products made that are complete without rework.
+        late: share of complete products that are complete after they are due.
+        good: share of the products made that are complete.
     """
 
+    throughput_per_h: Array
     takt_s: Array
-    cycle_s: Array
-    in_progress: Array
-    late: Array
+    cycle_time_s: Array
+    work_in_progress: Array
+    service_level: Array
     lateness_s: Array
+    first_pass_yield: Array
+    late: Array
+    good: Array
 
-    @property
-    def per_hour(self) -> Array:
-        """Products an hour."""
-        zero = np.zeros_like(self.takt_s)
-        return np.divide(3600.0, self.takt_s, out=zero, where=self.takt_s > 0)
+
+RATES = ("throughput_per_h", "takt_s", "cycle_time_s", "work_in_progress")
+OF_VARIANT = (*RATES, "service_level", "lateness_s", "first_pass_yield")
+"""Figures of the flow of products, and all figures of a variant."""
 
 
 def line_figures(
-    begin_ns: Nanoseconds,
-    end_ns: Nanoseconds,
+    times: ProductTimes,
     due_s: Sequence[float] = (),
-    start_up: int | None = None,
+    start_up: int = 0,
+    own: npt.NDArray[np.bool_] | None = None,
 ) -> LineFigures:
-    """Return the figures of a line.
+    """Return the figures of a line, or of some of its products.
+
+    Rates and work in progress are of the time from the last completion of the start-up to the last one
+    of all products: those of the variants add up to those of the line.
 
     Args:
-        begin_ns, end_ns: of every product, shape (products, replications) [ns].
+        times: of all products.
         due_s: when each product is due [s].
         start_up: products at the beginning that do not count for takt and work in progress.
+        own: True for the products of interest, shape (places,); all by default.
     """
-    count, replications = end_ns.shape
-    begin, end = begin_ns / NANOSECONDS, end_ns / NANOSECONDS
-    skipped = start_up_of(count, start_up)
-    done = np.sort(end, axis=0)
-    since, until = done[skipped], done[-1]
-    span = until - since
+    begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
+    own = np.ones(len(end), np.bool_) if own is None else own
+    known, after = np.isfinite(end), end - due_of_places(due_s, len(end))[:, None]
+    order = np.argsort(end, axis=0, kind="stable")  # unknown times come last
+    rank = np.argsort(order, axis=0, kind="stable")
+    since = np.take_along_axis(end, order[start_up : start_up + 1], axis=0)[0]
+    until = np.fmax.reduce(end, axis=0)
     overlap = np.minimum(end, until) - np.maximum(begin, since)
-    inside = np.maximum(overlap, 0.0).sum(axis=0)
-    unknown = np.full(replications, np.nan)
-    late, lateness = unknown, unknown
-    if len(due_s):
-        after = end - np.asarray(due_s)[:, None]
-        late, lateness = (after > 0.0).mean(axis=0), after.mean(axis=0)
-    takt = span / max(count - 1 - skipped, 1) if count > 1 else unknown
+    inside = np.nansum(np.maximum(overlap, 0.0)[own], axis=0)
+    takt = ratio(until - since, ((rank > start_up) & known)[own].sum(axis=0))
+    made = times.products_made[own].sum(axis=0)
+    late = np.where(np.isfinite(after), after > 0.0, np.nan)
+    in_time = np.where(len(due_s) > 0, after <= 0.0, np.nan)
     return LineFigures(
+        np.nan_to_num(ratio(np.full_like(takt, 3600.0), takt)),
         takt,
-        (end - begin)[skipped:].mean(axis=0),
-        np.divide(inside, span, out=np.full(replications, np.nan), where=span > 0),
-        late,
-        lateness,
+        mean_known((end - begin)[start_up:][own[start_up:]]),
+        ratio(inside, until - since),
+        in_time[own].mean(axis=0),
+        mean_known(after[own]),
+        ratio(times.products_passed[own].sum(axis=0), made),
+        mean_known(late[own]),
+        ratio(known[own].sum(axis=0), made),
     )
 
 
-def takts_s(end_ns: Nanoseconds, start_up: int | None = None) -> Array:
+def seconds(times_ns: Nanoseconds) -> Array:
+    """Return times in seconds, NaN for what did not happen."""
+    return np.where(times_ns < 0, np.nan, times_ns / NANOSECONDS)
+
+
+def mean_known(values: Array, axis: int = 0) -> Array:
+    """Return the means of the values that are known, NaN where none is."""
+    return ratio(np.nansum(values, axis=axis), np.isfinite(values).sum(axis=axis))
+
+
+def due_of_places(due_s: Sequence[float], places: int) -> Array:
+    """Return when the product of each place is due, NaN without due times, shape (places,) [s]."""
+    known = np.asarray(due_s if len(due_s) else [np.nan], dtype=float)
+    return known[np.minimum(np.arange(places), len(known) - 1)]
+
+
+def products_of_variants(
+    variants: Sequence[str], places: int
+) -> dict[str, npt.NDArray[np.bool_]]:
+    """Return which places of the order are of each variant, in the order of their first products."""
+    last = len(variants) - 1
+    known = np.array(
+        [variants[min(k, last)] for k in range(places)] if variants else ()
+    )
+    return {name: known == name for name in dict.fromkeys(variants)}
+
+
+def takts_s(end_ns: Nanoseconds, start_up: int) -> Array:
     """Return the times from one completion to the next, after the start-up [s].
 
     Args:
@@ -160,17 +310,18 @@ def takts_s(end_ns: Nanoseconds, start_up: int | None = None) -> Array:
         start_up: products at the beginning that do not count.
 
     Returns:
-        Shape (takts, replications).
+        Shape (takts, replications); NaN at the end where products are not complete.
     """
-    done = np.sort(end_ns, axis=0)[start_up_of(len(end_ns), start_up) :]
-    return np.diff(done, axis=0) / NANOSECONDS
+    return np.diff(np.sort(seconds(end_ns), axis=0)[start_up:], axis=0)
 
 
 def line_summary(
     tpg: TemporalPlanGraph,
     run: ExecutionRecord,
     due_s: Sequence[float] = (),
-    start_up: int | None = None,
+    start_up: StartUp = None,
+    variants: Sequence[str] = (),
+    scrapped: Collection[int] = (),
 ) -> dict[str, Any] | None:
     """Return the line figures of a run's summary; None for one product or an unfinished run.
 
@@ -179,51 +330,55 @@ def line_summary(
         run: how.
         due_s: when each product is due, scrapped or not [s]. One that is made in place of another is due when that
             was, and one more that is ordered with the last one.
-        start_up: products at the beginning that do not count for throughput and takt.
+        start_up: products at the beginning that do not count for throughput and takt, see ``settled_start_up``.
+        variants: the variant of each product, likewise; empty where there is only one.
+        scrapped: numbers of the products that were begun and are not complete.
     """
-    nodes = product_nodes(tpg)
-    if nodes is None or any((own < 0).any() for own in run.end_ns):
+    times = run_product_times(tpg, run, len(due_s) or len(variants), scrapped)
+    if times is None:
         return None
-    if len(due_s):
-        due_s = _due_of(nodes.products.tolist(), due_s)
-    begin = nodes.begin(np.concatenate(run.start_ns))[:, None]
-    end = nodes.end(np.concatenate(run.end_ns))[:, None]
-    found = line_figures(begin, end, due_s, start_up)
-    takts = takts_s(end, start_up)
-    several = len(takts) > 0
+    begin, end = seconds(times.product_begin_ns), seconds(times.product_end_ns)
+    skipped = settled_start_up(times, start_up)
+    found = line_figures(times, due_s, skipped)
+    takts = takts_s(times.product_end_ns, skipped)
+    several = bool(np.isfinite(takts).any())
+    spent = run_worker_times(tpg, run).shares_and_factors(found.good)
+    names = [tpg.chains[k].robot for k in worker_chains(tpg)]
     out: dict[str, Any] = {
-        "products": len(end),
-        "start_up": start_up_of(len(end), start_up),
-        "throughput_per_h": float(found.per_hour[0]) if several else None,
+        "products": int(np.isfinite(end).sum()),
+        "start_up": skipped,
+        "throughput_per_h": float(found.throughput_per_h[0]) if several else None,
         "takt_s": {
             "mean": float(found.takt_s[0]),
-            "least": float(takts.min()),
-            "greatest": float(takts.max()),
+            "least": float(np.nanmin(takts)),
+            "greatest": float(np.nanmax(takts)),
         }
         if several
         else None,
         "cycle_time_s": {
-            "mean": float(found.cycle_s[0]),
-            "greatest": float((end - begin).max()) / NANOSECONDS,
+            "mean": float(found.cycle_time_s[0]),
+            "greatest": float(np.nanmax(end - begin)),
         },
-        "work_in_progress": float(found.in_progress[0]) if several else None,
-        "first_complete_s": float(end.min()) / NANOSECONDS,
+        "work_in_progress": float(found.work_in_progress[0]) if several else None,
+        "first_complete_s": float(np.nanmin(end)),
+        "first_pass_yield": float(found.first_pass_yield[0]),
         "due": None,
+        "workers": {
+            name: {key: finite_or_none(own[k, 0]) for key, own in spent.items()}
+            for k, name in enumerate(names)
+        },
+        "variants": {},
     }
+    for name, own in products_of_variants(variants, len(end)).items():
+        part = vars(line_figures(times, due_s, skipped, own))
+        entry = {key: finite_or_none(part[key][0]) for key in OF_VARIANT}
+        out["variants"][name] = {"products": int(np.isfinite(end[own]).sum()), **entry}
     if len(due_s):
-        after = end[:, 0] / NANOSECONDS - np.asarray(due_s)
+        after = end[:, 0] - due_of_places(due_s, len(end))
         out["due"] = {
             "late": int(np.count_nonzero(after > 0)),
-            "mean_lateness_s": float(after.mean()),
-            "greatest_lateness_s": float(after.max()),
+            "service_level": float(found.service_level[0]),
+            "mean_lateness_s": float(found.lateness_s[0]),
+            "greatest_lateness_s": float(np.nanmax(after)),
         }
     return out
-
-
-def _due_of(products: Sequence[int], due_s: Sequence[float]) -> list[float]:
-    """Return the due times of complete products [s]; see ``line_summary``."""
-    scrapped = sorted(set(range(1, len(due_s) + 1)) - set(products))
-    left = iter([due_s[k - 1] for k in scrapped])
-    return [
-        due_s[k - 1] if k <= len(due_s) else next(left, due_s[-1]) for k in products
-    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -89,6 +89,7 @@ def run_figures(
     record: ExecutionRecord,
     header: RunHeader,
     audit: Mapping[str, Any] | None = None,
+    scrapped: Collection[int] = (),
 ) -> dict[str, Any]:
     """Return the figures of a finished run, with the keys of ``summary.json``.
 
@@ -97,7 +98,14 @@ def run_figures(
         record: how it was executed.
         header: header of the run.
         audit: findings of the audit, None without one.
+        scrapped: numbers of the products that were begun and are not complete.
     """
     scenario = plan.scenario.sections
-    due = assembly_kind(scenario.assembly).due()
-    return summarize_run(plan.tpg, record, scenario.name, header, audit, *due)
+    orders = line_orders(plan, scrapped)
+    return summarize_run(plan.tpg, record, scenario.name, header, audit, *orders)
+
+
+def line_orders(plan: PlanResult, scrapped: Collection[int] = ()) -> tuple[Any, ...]:
+    """Return what the hook ``line`` asks of the products of a plan and of those that were scrapped."""
+    kind = assembly_kind(plan.scenario.sections.assembly)
+    return *kind.due(), kind.variants(), scrapped

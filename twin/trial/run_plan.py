@@ -19,6 +19,7 @@ from twin.runs.folder import (
     EVENTS,
     FIRST,
     GANTT,
+    PRODUCTS,
     SUMMARY,
     TURNS,
     recorded_hashes,
@@ -29,7 +30,7 @@ from twin.scenario.manifest import write_manifest
 from twin.trial.auditor import load_auditor
 from twin.trial.errors import IncompleteRunError
 from twin.trial.executor import Executed, Executor, SimulatedExecutor
-from twin.trial.header import run_figures, run_header
+from twin.trial.header import line_orders, run_figures, run_header
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import Resumed, RunResult
 
@@ -155,6 +156,13 @@ def conclude(
             tpg, record, events, title=scenario.name, plan=header.plan
         )
         save_png(gantt, folder / GANTT)
+    scrapped = done.summary.get("operation", {}).get("scrapped", ())
+    if "products" in FIGURES:
+        figure = FIGURES.load("products")
+        orders = line_orders(plan, scrapped)
+        chart = figure(tpg, record, *orders, title=scenario.name)
+        if chart is not None:
+            save_png(chart, folder / PRODUCTS)
     progress(RECORDS, 3, total)
     if header.recording:
         for record_run in RECORDERS.load_all().values():
@@ -172,7 +180,7 @@ def conclude(
             finished=done.finished,
             progress=progress,
         )
-    summary = run_figures(plan, record, header, audit) | dict(done.summary)
+    summary = run_figures(plan, record, header, audit, scrapped) | dict(done.summary)
     summary["files"] = recorded_hashes(folder)
     write_json(folder / SUMMARY, summary)
     return RunResult(

@@ -25,6 +25,7 @@ from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
+from twin.uncertainty.stop import StopCode
 from twin.uncertainty.stop_times import Stops, draw_stops
 
 _MOST_VALUES = 4_000_000
@@ -100,6 +101,10 @@ class NodeTimes:
         if not self.stops:
             return ((),) * len(self.motion)
         return tuple(own.intervals(t_ns) for own in self.stops)
+
+    def stopped_by_code(self, t_ns: int) -> tuple[Mapping[StopCode, int], ...]:
+        """Return how long each robot was stopped until a time, by code [ns]."""
+        return tuple(own.times_by_code(t_ns) for own in self.stops or ())
 
     def cut_failed(
         self, start: Sequence[Nanoseconds], end: Sequence[Nanoseconds]

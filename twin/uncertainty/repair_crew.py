@@ -59,7 +59,7 @@ class RepairCrew:
             waited = (begin - failed) / NANOSECONDS
             queued = f", after {waited:.3f} s of waiting" if begin > failed else ""
             reason = f"breakdown, repaired after {repair / NANOSECONDS:.3f} s{queued}"
-            self.stops[name].append(Stop(failed, end, reason))
+            self.stops[name].append(Stop(failed, end, "breakdown", reason))
             self._plan_failure(name, end)
         self.horizon = self._failures[0][0]
 

@@ -21,7 +21,7 @@ from twin.durations.nanoseconds import (
 )
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.repair_crew import CrewSource, RepairCrew
-from twin.uncertainty.stop import Stop
+from twin.uncertainty.stop import STOP_CODES, Stop, StopCode
 from twin.uncertainty.working_hours import WEEK_S
 
 NEVER = 2**62
@@ -82,7 +82,7 @@ class PeriodicSource:
     Args:
         intervals: starts and ends within the first period [s].
         period: time after which they are repeated [s].
-        reason: reason, for people.
+        why: code and reason of each stop.
         before: also that of the period before, as far as it lasts into the run.
     """
 
@@ -90,13 +90,13 @@ class PeriodicSource:
         self,
         intervals: Sequence[tuple[float, float]],
         period: float,
-        reason: str,
+        why: tuple[StopCode, str],
         *,
         before: bool = False,
     ) -> None:
         self._intervals = to_nanoseconds(np.array(intervals)).tolist()
         self._period = int(to_nanoseconds([period])[0])
-        self._reason = reason
+        self._why = why
         self._next = -1 if before else 0
         self.horizon = 0
 
@@ -108,7 +108,7 @@ class PeriodicSource:
             for start, end in self._intervals:
                 if end + offset > 0:
                     begin = max(0, start + offset)
-                    found.append(Stop(begin, end + offset, self._reason))
+                    found.append(Stop(begin, end + offset, *self._why))
         self._next += _CHUNK
         self.horizon = self._next * self._period
         return found
@@ -217,6 +217,16 @@ class Stops:
             max(0, min(b, end_ns) - max(a, start_ns)) for a, b in self.intervals(end_ns)
         )
 
+    def times_by_code(self, until_ns: int) -> dict[StopCode, int]:
+        """Return the stop time before a time by code, of overlapping stops by the first one in STOP_CODES [ns]."""
+        known = self.until(until_ns)
+        covered = [
+            Stops([s for s in known if s.code in STOP_CODES[:count]])
+            for count in range(len(STOP_CODES) + 1)
+        ]
+        totals = [own.stopped_between(0, until_ns) for own in covered]
+        return dict(zip(STOP_CODES, np.diff(totals).tolist(), strict=True))
+
     def _extend(self, t_ns: int) -> None:
         """Get stops of the sources until all up to a time are known."""
         if t_ns < self._horizon:
@@ -256,6 +266,7 @@ def draw_stops(
     if not disturbances.at_absolute_times:
         return None
     found = []
+    why: tuple[StopCode, str]
     machines = tpg.machine_chains()
     by_chain = [
         disturbances.of_machine(chain.robot) if k in machines else disturbances
@@ -274,23 +285,24 @@ def draw_stops(
             if stop.robot in (None, chain.robot):
                 start, length = to_nanoseconds([stop.at_s, stop.duration_s]).tolist()
                 reason = f"emergency stop for {stop.duration_s:.3f} s"
-                fixed.append(Stop(start, start + length, reason))
+                fixed.append(Stop(start, start + length, "emergency", reason))
         name = chain.robot
         sources: list[StopSource] = []
         if crew is not None and name in breaking:
             sources.append(CrewSource(crew, name))
         for planned in disturbances.planned_stops:
             if planned.affects(name):
-                reason = f"planned stop for {planned.duration_s:.3f} s"
+                why = "planned", f"planned stop for {planned.duration_s:.3f} s"
                 interval = planned.at_s, planned.at_s + planned.duration_s
                 if planned.every_s is not None:
-                    sources.append(PeriodicSource([interval], planned.every_s, reason))
+                    sources.append(PeriodicSource([interval], planned.every_s, why))
                 else:
                     start, end = to_nanoseconds(interval).tolist()
-                    fixed.append(Stop(start, end, reason))
+                    fixed.append(Stop(start, end, *why))
         if disturbances.calendar is not None:
             off = disturbances.calendar.off_shift(name)
             if off:
-                sources.append(PeriodicSource(off, WEEK_S, "off shift", before=True))
+                why = "off-shift", "off shift"
+                sources.append(PeriodicSource(off, WEEK_S, why, before=True))
         found.append(Stops(fixed, sources))
     return tuple(found)

@@ -36,7 +36,7 @@ from twin.uncertainty.stop_times import StoppedClock, Stops
 
 
 def stops_at(*intervals: tuple[int, int]) -> Stops:
-    return Stops([Stop(a, b, "") for a, b in intervals])
+    return Stops([Stop(a, b, "emergency", "") for a, b in intervals])
 
 
 # The calendar of one robot, against counting instant by instant
@@ -116,7 +116,7 @@ def test_stops_that_become_known_late_change_nothing(
 
     def stops_of_both() -> list[Stops]:
         crew = RepairCrew(2, breaks, seed, 0)
-        stops = [Stop(a, b, "") for a, b in fixed]
+        stops = [Stop(a, b, "emergency", "") for a, b in fixed]
         return [Stops(list(stops), [CrewSource(crew, name)]) for name in breaks]
 
     for late, whole in zip(stops_of_both(), stops_of_both(), strict=True):

@@ -13,10 +13,16 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import two_robot_tpg
+from twin.durations.nanoseconds import Nanoseconds
 from twin.planning.assignment_gain import AssignmentGain
 from twin.runs.header import RunHeader
 from twin.runs.summary import summarize_run, summary_rows
-from twin.throughput.throughput import line_figures, start_up_of, takts_s
+from twin.throughput.throughput import (
+    ProductTimes,
+    line_figures,
+    start_up_of,
+    takts_s,
+)
 
 
 def test_figures_of_a_small_run() -> None:
@@ -94,26 +100,31 @@ def test_the_makespan_lies_between_its_bounds(
 SECOND = 1_000_000_000
 
 
+def made(begin: Nanoseconds, end: Nanoseconds) -> ProductTimes:
+    """Return products that are all complete and had no failure."""
+    return ProductTimes(begin, end, np.ones_like(end), np.ones_like(end))
+
+
 def test_a_regular_line_is_known_by_hand() -> None:
     begin = np.arange(10)[:, None] * 5 * SECOND
     end = begin + 12 * SECOND
-    found = line_figures(begin, end, [20.0 + 5 * k for k in range(10)], 2)
+    found = line_figures(made(begin, end), [20.0 + 5 * k for k in range(10)], 2)
     assert found.takt_s == pytest.approx([5.0])
-    assert found.cycle_s == pytest.approx([12.0])
-    assert found.per_hour == pytest.approx([720.0])
+    assert found.cycle_time_s == pytest.approx([12.0])
+    assert found.throughput_per_h == pytest.approx([720.0])
     assert found.late == pytest.approx([0.0])
     assert found.lateness_s == pytest.approx([-8.0])
     # From 22 s to 57 s; what would begin after the tenth product never does.
     steps = np.arange(22, 57)
     inside = [np.sum((begin <= t * SECOND) & (end > t * SECOND)) for t in steps]
-    assert found.in_progress == pytest.approx([np.mean(inside)])
+    assert found.work_in_progress == pytest.approx([np.mean(inside)])
 
 
 def test_products_overtake_and_are_late() -> None:
     begin = np.zeros((4, 2), dtype=np.int64)
     end = np.array([[4, 1], [2, 2], [6, 3], [8, 4]]) * SECOND
     assert takts_s(end, 0).T.tolist() == [[2.0, 2.0, 2.0], [1.0, 1.0, 1.0]]
-    found = line_figures(begin, end, [3.0] * 4, 0)
+    found = line_figures(made(begin, end), [3.0] * 4, 0)
     assert found.late.tolist() == [0.75, 0.25]
     assert found.lateness_s.tolist() == [2.0, -0.5]
 

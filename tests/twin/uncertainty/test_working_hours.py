@@ -61,7 +61,7 @@ def test_off_shift_is_whatever_no_shift_covers(
         return False
 
     off = calendar.off_shift("left")
-    source = PeriodicSource(off, WEEK_S, "off shift", before=True)
+    source = PeriodicSource(off, WEEK_S, ("off-shift", ""), before=True)
     stops = Stops([], [source] if off else [])
     for hours in np.arange(0.125, 400.0, 2.75):
         t = int(hours * 3600 * NS)
@@ -88,9 +88,11 @@ def test_edges_of_several_sources_are_found_in_order(
         )
         sources: list[StopSource] = [
             CrewSource(RepairCrew(1, {"left": breaks}, seed, 0), "left"),
-            PeriodicSource([(3.0, 5.0), (50.0, 55.0)], 100.0, "planned"),
+            PeriodicSource([(3.0, 5.0), (50.0, 55.0)], 100.0, ("planned", "")),
         ]
-        return Stops([Stop(3000 * NS, 3001 * NS, "")] if fixed else [], sources)
+        return Stops(
+            [Stop(3000 * NS, 3001 * NS, "planned", "")] if fixed else [], sources
+        )
 
     known = fresh()
     known.after(10_000 * NS)

@@ -35,7 +35,13 @@ from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
 from twin.scenario.sections.execution import ExecutionSection
-from twin.scenario.sections.kind import ASSIGNMENT, NO_WINDOW, AssemblyKind, IdleReason
+from twin.scenario.sections.kind import (
+    ASSIGNMENT,
+    NO_WINDOW,
+    AssemblyKind,
+    IdleReason,
+    StartUp,
+)
 from twin.scenario.sections.shapes import to_planning_class
 
 if TYPE_CHECKING:
@@ -223,7 +229,7 @@ class PartKind(AssemblyKind):
         """Return the durations of machine tasks."""
         return machine_durations(self.section)
 
-    def due(self) -> tuple[tuple[float, ...], int | None]:
+    def due(self) -> tuple[tuple[float, ...], StartUp]:
         """Return when each product is due [s], and how many at the beginning do not count."""
         products = self.section.products
         return ((), None) if products is None else (products.due_s(), products.start_up)

@@ -352,7 +352,7 @@ class ProductsSection(Section):
         leave_by: name of who takes it away, as ``refill_by`` of sources.
         due: when they are due: the first and the time between two, or one time a product.
         start_up: products at the beginning that do not count for throughput and takt; a tenth
-            when not given.
+            when not given, ``auto`` for as many as MSER-5 leaves out.
         spare: products for which there are parts besides, and which ``twin operate`` makes in place of those
             that are not made whole, or where more are ordered.
     """
@@ -370,7 +370,7 @@ class ProductsSection(Section):
     leave: AnyDuration | None = None
     leave_by: Name | None = None
     due: DueSection | Several[Seconds] | None = None
-    start_up: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    start_up: Annotated[int, Field(ge=0, le=100_000)] | Literal["auto"] | None = None
 
     not_both = (("leave_s", "leave"),)
 
@@ -382,7 +382,7 @@ class ProductsSection(Section):
             raise ValueError(
                 f"{len(self.due)} due times for {self.count} products: give one for each"
             )
-        if self.start_up is not None and self.start_up > self.count - 2:
+        if isinstance(self.start_up, int) and self.start_up > self.count - 2:
             raise ValueError(
                 "of the products at least two must be left after start_up to tell a takt"
             )

@@ -39,6 +39,9 @@ IdleReason = Literal[
 ]
 """Why a robot gets no task."""
 
+StartUp = int | Literal["auto"] | None
+"""Number of products at the beginning that do not count for throughput: by default a tenth; ``auto`` by MSER-5."""
+
 ASSIGNMENT = "who does what"
 """Name of the stage for progress displays."""
 
@@ -177,7 +180,7 @@ class AssemblyKind(Protocol):
         """Return the variant of each product; empty where all are equal."""
         return ()
 
-    def due(self) -> tuple[tuple[float, ...], int | None]:
+    def due(self) -> tuple[tuple[float, ...], StartUp]:
         """Return when each product is due [s], and how many at the beginning do not count."""
         return (), None
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import reduce
 from pathlib import Path
@@ -36,7 +36,8 @@ from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import OTHER
 from twin.operations.replicated.operating import OperatedRows, OperatingWorkload
 from twin.studies.replications.experiment import Block
-from twin.throughput.throughput import product_nodes
+from twin.throughput.states import WorkerTimes
+from twin.throughput.throughput import ProductTimes
 
 COMPLETED, ERROR = "completed", "error"
 
@@ -66,7 +67,7 @@ UNKNOWN = -(2**62)
 """Time that passed in a window of a replication that did not complete [ns]."""
 _TALLY = ("critical", "critical_edges", "slack_ns", "start_ns", "end_ns")
 
-Part = TypeVar("Part", "OperatedRows", "ProductTimes", "WindowTimes")
+Part = TypeVar("Part", OperatedRows, ProductTimes, WorkerTimes, "WindowTimes")
 
 
 @dataclass(frozen=True)
@@ -202,18 +203,6 @@ class TaskGroups:
 
 
 @dataclass(frozen=True)
-class ProductTimes:
-    """Start and completion times of products in completed replications.
-
-    Attributes:
-        product_begin_ns, product_end_ns: shape (products, r) [ns].
-    """
-
-    product_begin_ns: Nanoseconds
-    product_end_ns: Nanoseconds
-
-
-@dataclass(frozen=True)
 class WindowTimes:
     """Time that passed in windows of time, in all replications.
 
@@ -236,7 +225,7 @@ class BlockResult:
         block: which.
         rows: one per replication.
         tally: sums over tasks of completed replications.
-        products: None where there is only one.
+        products, workers: of replications that came to their end; None where there is only one product.
         windows: None where there are none.
     """
 
@@ -245,6 +234,7 @@ class BlockResult:
     tally: TaskTally
     products: ProductTimes | None = None
     windows: WindowTimes | None = None
+    workers: WorkerTimes | None = None
 
 
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[list[int], tuple[int, ...]]:
@@ -297,15 +287,13 @@ def block_result(
     """
     rows.fill(well, found, tpg)
     tally = task_groups(tpg).tally(rows.replication[well], found)
-    products, windows = None, None
-    if (nodes := product_nodes(tpg)) is not None:
-        products = ProductTimes(nodes.begin(found.start_ns), nodes.end(found.end_ns))
+    windows = None
     if tpg.windows:
         gaps = np.full((len(tpg.windows), len(well)), UNKNOWN, dtype=np.int64)
         gaps[:, well] = window_gaps(tpg, found.start_ns, found.end_ns)
         none = np.empty(0, dtype=np.int64)
         windows = WindowTimes(gaps, none.reshape(len(gaps), 0), none)
-    return BlockResult(block, rows, tally, products, windows)
+    return BlockResult(block, rows, tally, windows=windows)
 
 
 def task_groups(tpg: TemporalPlanGraph) -> TaskGroups:
@@ -332,7 +320,12 @@ def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
     """
     block = result.block
     arrays: dict[str, Any] = {**vars(result.rows), **vars(result.tally)}
-    for more in (arrays.pop("operated"), result.products, result.windows):
+    for more in (
+        arrays.pop("operated"),
+        result.products,
+        result.windows,
+        result.workers,
+    ):
         arrays |= {} if more is None else vars(more)
     arrays |= {name: arrays[name].astype(str) for name in _TEXTS}
     arrays["robots"] = np.array(result.rows.robots, dtype=str)
@@ -370,13 +363,14 @@ def read_block(folder: Path, block: Block, made_from: str | None = None) -> Bloc
             int(arrays["count"]), **{name: arrays[name] for name in _TALLY}
         )
         products, windows = _part(ProductTimes, arrays), _part(WindowTimes, arrays)
+        workers = _part(WorkerTimes, arrays)
     except NPZ_ERRORS as error:
         raise OutputError(f"{path}: is no block of a study: {error}") from error
     if made_from not in (None, origin):
         raise OutputError(
             f"{path}: was made from another scenario, plan, policy, variant or version of a package"
         )
-    return BlockResult(block, rows, tally, products, windows)
+    return BlockResult(block, rows, tally, products, windows, workers)
 
 
 def _part(kind: type[Part], arrays: Mapping[str, Any]) -> Part | None:
@@ -430,12 +424,17 @@ def cell_makespans_s(folder: Path, cell: int) -> Array:
     return np.concatenate([b.rows.makespans_s() for b in cell_blocks(folder, cell)])
 
 
-def cell_part(folder: Path, cell: int, name: Literal["products", "windows"]) -> Any:
+def cell_part(
+    folder: Path, cell: int, name: Literal["products", "windows", "workers"]
+) -> Any:
     """Return a part of a cell's results over all blocks; None if missing."""
     parts = [getattr(block, name) for block in cell_blocks(folder, cell)]
     parts = [part for part in parts if part is not None]
-    if not parts:
-        return None
+    return joined_parts(parts) if parts else None
+
+
+def joined_parts(parts: Sequence[Part]) -> Part:
+    """Return parts of results with the replications of all of them."""
     values = zip(*(vars(part).values() for part in parts), strict=True)
     return type(parts[0])(*(np.concatenate(own, axis=-1) for own in values))
 

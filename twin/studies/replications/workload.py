@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pickle
 import zlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -26,8 +26,10 @@ from twin.bulk.max_plus import (
 from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
+from twin.operations.operation import with_products
 from twin.operations.replicated.operating import SAME, OperatingWorkload, Operator
 from twin.runs.execution_record import DeadlockError, ExecutionRecord
+from twin.scenario.sections.kind import assembly_kind
 from twin.studies.replications.block_results import (
     COMPLETED,
     ERROR,
@@ -35,8 +37,19 @@ from twin.studies.replications.block_results import (
     ReplicationRows,
     block_result,
     empty_rows,
+    joined_parts,
 )
 from twin.studies.replications.experiment import Block
+from twin.throughput.states import (
+    WorkerTimes,
+    run_worker_times,
+    worker_chains,
+    worker_times,
+)
+from twin.throughput.throughput import ProductTimes, product_times, run_product_times
+
+LineTimes = tuple[ProductTimes, WorkerTimes]
+"""Times of the products and workers of a line in some replications."""
 
 
 @dataclass(frozen=True)
@@ -124,15 +137,23 @@ class Engines:
         load, bulk = self.workload, self._bulk
         rows = self._rows(block, "bulk")
         times = bulk.sample(seed=load.seed, replications=rows.replication)
-        found = bulk.execute(times.completing())
+        whole, tpg = times.completing(), bulk.contraction.tpg
+        found, parts = bulk.execute(whole), list[LineTimes]()
+        line = self._line(tpg)
+        if (made := product_times(line, found.start_ns, found.end_ns)) is not None:
+            stood = whole.stood_ns() - whole.stood_ns("retry")
+            standing = stood, whole.stood_ns("breakdown")
+            spent = worker_times(tpg, found.start_ns, found.end_ns, *standing)
+            parts.append((made, spent))
         for place in np.flatnonzero(times.fails).tolist():
-            self._by_event(rows, place)
-        return self._result(block, rows, ~times.fails, found, bulk.contraction.tpg)
+            self._by_event(rows, place, parts)
+        return self._result(block, rows, ~times.fails, found, tpg, parts)
 
     def _by_events(self, block: Block) -> BlockResult:
         """Execute a block with the event engine, one replication after the other."""
         rows = self._rows(block, "events")
-        runs = [self._by_event(rows, place) for place in range(block.count)]
+        parts: list[LineTimes] = []
+        runs = [self._by_event(rows, place, parts) for place in range(block.count)]
         done = [run for run in runs if run is not None and run.outcome == COMPLETED]
         well = np.isin(
             [-1 if run is None else run.replication for run in runs],
@@ -143,7 +164,10 @@ class Engines:
             _columns([run.start_ns for run in done], len(self._node_graph.order)),
             _columns([run.end_ns for run in done], len(self._node_graph.order)),
         )
-        return self._result(block, rows, well, found, self.workload.tpg)
+        tpg = self.workload.tpg
+        for run in done:
+            self._add_line(parts, self._line(tpg), run)
+        return self._result(block, rows, well, found, tpg, parts)
 
     def _rows(self, block: Block, engine: str) -> ReplicationRows:
         load = self.workload
@@ -156,9 +180,14 @@ class Engines:
         well: npt.NDArray[np.bool_],
         found: Completions,
         tpg: TemporalPlanGraph,
+        parts: Sequence[LineTimes],
     ) -> BlockResult:
         """Return the result of a block; replications completed by the plan lost nothing."""
         result = block_result(block, rows, well, found, tpg)
+        if parts:
+            products, workers = zip(*parts, strict=True)
+            products, workers = joined_parts(products), joined_parts(workers)
+            result = replace(result, products=products, workers=workers)
         if rows.operated is not None:
             rows.operated.knew_ns[well] = rows.makespan_ns[well]
         return result
@@ -168,6 +197,36 @@ class Engines:
         load = self.workload
         assert load.operated is not None
         return Operator(load.operated, load.execution, load.seed)
+
+    def _add_line(
+        self,
+        parts: list[LineTimes],
+        tpg: TemporalPlanGraph,
+        run: ExecutionRecord,
+        scrapped: Collection[int] = (),
+    ) -> None:
+        """Add the times of a run's products and workers, if it is of a line and all of its nodes ended."""
+        made = run_product_times(tpg, run, self._ordered, scrapped)
+        if made is not None:
+            planned = self.workload.tpg
+            names = [planned.chains[k].robot for k in worker_chains(planned)]
+            kept = (own[: self._ordered] for own in vars(made).values())
+            spent = run_worker_times(tpg, run, names)
+            parts.append((ProductTimes(*kept), spent))
+
+    def _line(self, tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+        """Return the plan with the product of each task, which plans to be operated do not have."""
+        if self.workload.operated is None or len(tpg.products):
+            return tpg
+        section = self.workload.operated.scenario.assembly
+        return with_products(tpg, assembly_kind(section).written_out(), ())
+
+    @cached_property
+    def _ordered(self) -> int:
+        """Number of products of the order; a first plan may have fewer."""
+        if self.workload.operated is None:
+            return int(self.workload.tpg.products.max(initial=0))
+        return assembly_kind(self.workload.operated.scenario.assembly).products()
 
     @cached_property
     def _bulk(self) -> BulkEngine:
@@ -181,8 +240,10 @@ class Engines:
     def _node_graph(self) -> PrecedenceArrays:
         return policy_graph(self.workload.tpg, self.workload.execution.policy)
 
-    def _by_event(self, rows: ReplicationRows, place: int) -> ExecutionRecord | None:
-        """Execute one replication with the event engine; enter its outcome and end.
+    def _by_event(
+        self, rows: ReplicationRows, place: int, parts: list[LineTimes]
+    ) -> ExecutionRecord | None:
+        """Execute one replication with the event engine; enter its outcome and end, and a replanned line's times.
 
         Returns:
             Node times; None after an error, or if the executed graph is not the plan.
@@ -194,7 +255,7 @@ class Engines:
             return None
         try:
             if operated is not None:
-                return self._operate(rows, place, number)
+                return self._operate(rows, place, number, parts)
             run = self._simulator.run(seed=seed, replication=number)
         except DeadlockError as error:
             run = error.run
@@ -208,7 +269,7 @@ class Engines:
         return run
 
     def _operate(
-        self, rows: ReplicationRows, place: int, number: int
+        self, rows: ReplicationRows, place: int, number: int, parts: list[LineTimes]
     ) -> ExecutionRecord | None:
         """Operate one replication, and enter its result."""
         done = self._operator.run(number)
@@ -219,6 +280,7 @@ class Engines:
         rows.makespan_ns[place] = run.makespan_ns
         if not done.versions and len(tpg.chains) == len(self.workload.tpg.chains):
             return run
+        self._add_line(parts, tpg, run, done.scrapped)
         if run.outcome == COMPLETED:
             graph = policy_graph(tpg, self.workload.execution.policy)
             nodes = len(graph.order)

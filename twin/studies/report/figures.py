@@ -14,15 +14,19 @@ from matplotlib.figure import Figure
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.drawing.pictures import INK, bar_chart, legend_below, one_chart
-from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution_model import OTHER
 from twin.scenario.variations import Variant, is_of_execution
 from twin.studies.folder import plain_value
-from twin.studies.products import Due
-from twin.studies.replications.block_results import WAIT_COLUMNS, ProductTimes
+from twin.studies.products import Orders
+from twin.studies.replications.block_results import WAIT_COLUMNS
 from twin.studies.replications.statistics import Interval
 from twin.studies.summary import StudySummary, cell_label
-from twin.throughput.throughput import takts_s
+from twin.throughput.throughput import (
+    ProductTimes,
+    seconds,
+    settled_start_up,
+    takts_s,
+)
 
 COLOURS = (
     *("#1f5f9e", "#d97b29", "#2f7f66", "#9c4a8f", "#7a8592", "#b8433a"),
@@ -170,24 +174,24 @@ def _ordered(variant: Variant) -> list[tuple[str, object]]:
     return sorted(variant.items(), key=lambda item: is_of_execution(item[0]))
 
 
-def draw_line(times: ProductTimes, due: Due) -> Figure:
+def draw_line(times: ProductTimes, orders: Orders) -> Figure:
     """Draw completion times of products, due times, and the takt."""
     figure, axes = one_chart(4.2)
-    end = times.product_end_ns / NANOSECONDS
+    end = seconds(times.product_end_ns)
     number = np.arange(1, len(end) + 1)
-    takt = takts_s(times.product_end_ns, due[1])
-    pace = float(takt.mean()) if takt.size else 0.0
+    takt = takts_s(times.product_end_ns, settled_start_up(times, orders.start_up))
+    pace = float(np.nanmean(takt)) if np.isfinite(takt).any() else 0.0
     # The mean pace is subtracted, so that deviations are visible.
     level = (number - 1) * pace
-    low, middle, high = np.quantile(end, (0.05, 0.5, 0.95), axis=1)
+    low, middle, high = np.nanquantile(end, (0.05, 0.5, 0.95), axis=1)
     axes.fill_between(
         number, low - level, high - level, color="#c6d8ea", label="P5 to P95"
     )
     axes.plot(number, middle - level, color="#1f5f9e", lw=1.8, label="complete, median")
-    if due[0]:
+    if orders.due_s:
         axes.plot(
             number,
-            np.asarray(due[0]) - level,
+            np.asarray(orders.due_s) - level,
             color="#b8433a",
             lw=1.4,
             ls="--",

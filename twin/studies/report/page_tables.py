@@ -23,6 +23,8 @@ from twin.studies.report.markup import (
 )
 from twin.studies.study import StudyResult
 from twin.studies.summary import CellSummary, StudySummary
+from twin.throughput.states import STATES
+from twin.throughput.throughput import OF_VARIANT
 
 OPERATED = (
     "Where a skill failed for good, or a robot was out, the remaining work was replanned. Makespans are of"
@@ -116,6 +118,36 @@ def lines_table(summary: StudySummary) -> str:
     return text_table(words, line_rows(summary))
 
 
+def variant_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of variants of products."""
+    rows = []
+    for cell in summary.cells:
+        for name, own in cell.line.variants.items() if cell.line else ():
+            *numbers, in_time, lateness, first = (own[key] for key in OF_VARIANT)
+            row = [cell.label, name, *(_mean(own) for own in numbers)]
+            rows.append([*row, _percent(in_time), _mean(lateness), _percent(first)])
+    head = ["policy", "variant", "an hour", "takt [s]", "cycle time [s]"]
+    head += ["work in progress", "in time", "lateness [s]", "first pass"]
+    return head, rows
+
+
+def worker_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of time by state and effectiveness."""
+    workers = [
+        (cell.label, name, own)
+        for cell in summary.cells
+        if cell.line
+        for name, own in cell.line.workers.items()
+    ]
+    factors = ["availability", "performance", "quality", "oee"]
+    states = [s for s in STATES if any(s in own for *_, own in workers)]
+    columns = (*states, *factors)
+    rows = [
+        [*names, *(_percent(own.get(c)) for c in columns)] for *names, own in workers
+    ]
+    return ["policy", "", *states, *factors[:3], "OEE"], rows
+
+
 def window_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
     """Return the head and the rows of the table of all windows of time."""
     head = ["policy", "window", "within [s]", "passes [s]", "P95 [s]", "broken"]
@@ -192,6 +224,10 @@ def operated_tables(summary: StudySummary) -> str:
     return out + bullets("Steps that were given up", texts)
 
 
+def _percent(found: Interval | None) -> str:
+    return "-" if found is None else format_in_line(found, _SHARE, 100.0)
+
+
 def _seconds(found: Interval | None) -> str:
     return "-" if found is None else format_in_line(found, "{:.2f}")
 
@@ -204,7 +240,7 @@ def lateness_list(summary: StudySummary) -> str:
         if due and due.late and due.lateness_s:
             worst = due.lateness_quantiles_s["p99"]
             texts.append(
-                f"{cell.label}: a product is late with probability"
+                f"{cell.label}: {_percent(due.service_level)} of what is ordered is complete when it is due; a product is late with probability"
                 f" {due.late.estimate:.3f}, any of them in"
                 f" {100 * due.any_late.estimate:.1f} % of the replications; mean lateness"
                 f" {due.lateness_s.estimate:.1f} s, P99 {worst:.1f} s"

@@ -16,11 +16,10 @@ from twin.host.atomic_files import write_text
 from twin.host.cards import pairs
 from twin.host.progress import Report
 from twin.runs.policies import preferred_policy
-from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.variations import apply_variation
 from twin.studies.folder import BLOCKS, REPORT
 from twin.studies.gains.gains import LEADING
-from twin.studies.products import product_times
+from twin.studies.products import orders_of, study_product_times
 from twin.studies.replications.block_results import cell_makespans_s, cell_tally
 from twin.studies.report.assumptions import assumptions, warnings
 from twin.studies.report.cell_figures import draw_bands, draw_sobol, draw_tornado
@@ -54,7 +53,9 @@ from twin.studies.report.page_tables import (
     ranking_table,
     refused_table,
     replication_sentence,
+    variant_rows,
     window_rows,
+    worker_rows,
 )
 from twin.studies.report.sensitivity_tables import (
     GAINS_NOTE,
@@ -64,6 +65,8 @@ from twin.studies.report.sensitivity_tables import (
 )
 from twin.studies.study import StudyResult
 from twin.studies.summary import CellSummary, StudySummary, shown_cell
+from twin.throughput.product_gantt import products_figure
+from twin.throughput.throughput import seconds
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
@@ -178,11 +181,22 @@ def _lines(result: StudyResult, cell: int) -> Pieces:
     yield heading("What the line achieves")
     yield lines_table(summary)
     yield lateness_list(summary)
-    times = product_times(result.folder / BLOCKS, cell)
+    yield text_table("by variant", variant_rows(summary))
+    words = "share of the time of robots and machines by state, and overall equipment effectiveness (OEE)"
+    yield text_table(words, worker_rows(summary))
+    times = study_product_times(result.folder / BLOCKS, cell)
     if times is not None:
         scenario = apply_variation(result.request.scenario, summary.cells[cell].variant)
-        due = assembly_kind(scenario.assembly).due()
-        yield save_and_embed_picture(result.folder, draw_line(times, due), "products")
+        orders = orders_of(scenario)
+        figure = draw_line(times, orders)
+        yield save_and_embed_picture(result.folder, figure, "products")
+        first = (
+            seconds(times.product_begin_ns[:, 0]),
+            seconds(times.product_end_ns[:, 0]),
+        )
+        words = "one replication"
+        figure = products_figure(*first, orders.due_s, orders.variants, words)
+        yield save_and_embed_picture(result.folder, figure, "products-gantt")
 
 
 def _windows(summary: StudySummary) -> Pieces:

@@ -20,6 +20,7 @@ from twin.studies.report.page_tables import (
     line_rows,
     operated_rows,
     prevented_rows,
+    variant_rows,
     window_rows,
 )
 from twin.studies.report.sensitivity_tables import LESS, P90
@@ -106,7 +107,7 @@ def _print_rest(console: Console, result: StudyResult) -> None:
 
 def _print_lines(console: Console, summary: StudySummary) -> None:
     """Print throughput, takt, lateness and utilization of lines; and windows."""
-    tables = [line_rows(summary)]
+    tables = [line_rows(summary), variant_rows(summary)]
     if tables[0][1]:
         tables.append(busy_rows(summary))
     tables += [operated_rows(summary), prevented_rows(summary)]
