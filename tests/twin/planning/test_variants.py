@@ -149,6 +149,30 @@ def test_one_variant_is_written_out_as_a_line_without_variants(tmp_path: Path) -
         assert str(getattr(with_variant, key)) == str(getattr(without, key))
 
 
+def test_what_refers_to_steps_of_other_variants_does_not_count(tmp_path: Path) -> None:
+    steps = [
+        "carrier",
+        {"place": "nut", "variants": ["long"]},
+        {"place": "bolt", "after": ["nut", "carrier"], "until": "seal"},
+        {"place": "seal", "variants": ["long"]},
+    ]
+    pairs = {
+        "joined": [["carrier", "nut"], {"parts": ["carrier", "bolt"], "by": "seal"}],
+        "fits": [{"parts": ["nut", "bolt"], "press_m": 0.001}],
+    }
+    own = section_of(load_scenario(mix(tmp_path, steps=steps, assembly=pairs)))
+    short, long = own.of_variant("short"), own.of_variant("long")
+    assert [[x.step for x in step.follows] for step in short.steps] == [[], ["carrier"]]
+    assert short.steps[1].until is None
+    assert short.joined == short.fits == ()
+    assert [[x.step for x in step.follows] for step in long.steps][2] == [
+        "nut",
+        "carrier",
+    ]
+    assert long.steps[2].until == "seal"
+    assert (len(long.joined), len(long.fits)) == (2, 1)
+
+
 class Steps(Assembly):
     """An assembly of products of different lengths, of which only the numbers of steps are known."""
 

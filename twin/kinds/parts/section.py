@@ -12,7 +12,13 @@ from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds
 from twin.kinds.parts.between import AfterSection, FitSection
-from twin.kinds.parts.sources import Amount, Places, ProductsSection, SourceSection
+from twin.kinds.parts.sources import (
+    Amount,
+    FixedGrid,
+    Places,
+    ProductsSection,
+    SourceSection,
+)
 from twin.kinds.statics import BalanceSection, JoinedParts
 from twin.scenario.sections.cell import ActuationTime
 from twin.scenario.sections.kind import AssemblySection
@@ -43,15 +49,17 @@ class DoorSection(ShapedSection):
 
 
 class MachineSection(Section):
-    """A machine that works at one part at a time where that lies; its frame is fixtures.
+    """A machine that works at parts where they lie, at one at a time or at a batch; its frame is fixtures.
 
     Attributes:
         door: what is shut for as long as it works; nothing when not given.
         fixtures: names of those that it is made of: what it works at lies on one of them.
+        capacity: most parts that it works at together, in one run of a process.
     """
 
     door: DoorSection | None = None
     fixtures: tuple[Name, ...] = ()
+    capacity: Annotated[int, Field(ge=1, le=100)] = 1
 
 
 ChangeoverTime = AnyDuration | PositiveSeconds
@@ -299,12 +307,14 @@ class PlaceOfWork(Section):
         fixture: fixture to which it belongs; the world where neither is given.
         frame: name of one of the frames of that part or fixture.
         pose: a pose in that frame, or in the frame of the part, of the fixture or of the world.
+        grid: places there, taken by one product after another.
     """
 
     part: Name | None = None
     fixture: Name | None = None
     frame: Name | None = None
     pose: PoseSection | None = None
+    grid: FixedGrid | None = None
 
     not_both = (("part", "fixture"),)
 
