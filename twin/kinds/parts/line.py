@@ -356,8 +356,9 @@ class _Writer:
 
         It is all of them where the last batch is smaller than the others.
         """
-        lying = self.lying.items()
-        shares = [(len(own.poses), len(self._names(k, 1))) for k, own in lying]
+        shares = [
+            (len(own.poses), len(self._names(k, 1))) for k, own in self.lying.items()
+        ]
         grids = (step.at.grid for step in self.section.steps if step.at)
         shares += [(grid.size, 1) for grid in grids if grid]
         batches = batch_unit(self.section)
@@ -378,28 +379,28 @@ class _Writer:
         They are those of the products that are written out, and those that fill the source at their end, and
         those below which others lie.
         """
+        places, size = self.lying[source], len(self.lying[source].poses)
         picked = (
             (self._of(product).steps[k].place or "", product)
             for group in self.order
             for product, k in group
         )
-        first = dict.fromkeys(picked)
-        found = [
-            own
-            for own in first
-            if own[0] and self.parts[own[0]].sources[:1] == (source,)
+        own = [
+            (name, product)
+            for name, product in dict.fromkeys(picked)
+            if name in self._names(source, product)
         ]
-        places = self.lying[source]
-        size = len(places.poses)
-        copies = -(-size // len(found)) if found else 0
-        more = [
-            (name, product + copy * self.period)
-            for copy in range(1, copies + 1)
-            for name, product in found
-        ]
-        found += [own for own in more if own[1] <= self.products][:size]
-        below = places.brought(len(found)) - len(found) if found else 0
-        return [*found, *[own for own in more if own[1] > self.products][:below]]
+        found = list(own)
+        for shift in range(self.period, self.products, self.period):
+            if len(found) >= len(own) + size:
+                break
+            later = ((name, product + shift) for name, product in own)
+            found += [one for one in later if one[1] <= self.products]
+        most, more = min(len(own) + size, places.brought(len(found))), self.products
+        while found and len(found) < most:
+            more += 1
+            found += [(name, more) for name in self._names(source, more)]
+        return found[:most]
 
     def _taken_in(self, part: str, product: int) -> int:
         """Return the step that takes a part of a source, from 1."""

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from planning.bounds import DENSEST_KG_M3
+from planning.errors import ScenarioError
 from twin.document.section import Name, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
@@ -472,12 +473,25 @@ class PartsSection(AssemblySection):
 
     @model_validator(mode="after")
     def _with_best_order(self) -> PartsSection:
-        from twin.kinds.parts.changeovers import changeover_seconds
-
         if self.products is not None and self.products.order == "best":
-            self.products.set_changes(changeover_seconds(self))
+            names = self.products.variants
+            try:
+                changes = [[self._seconds_between(a, b) for b in names] for a in names]
+            except ScenarioError as error:
+                words = "order: best needs durations of changeovers without files"
+                raise ValueError(f"{words}: {error}") from None
+            self.products.set_changes(tuple(map(tuple, changes)))
             self.products.sequence(1)  # ValueError: too much to be compared
         return self
+
+    def _seconds_between(self, before: str, after: str) -> float:
+        """Return the longest mean duration of the changeovers between two variants [s]."""
+        both, means = (self.of_variant(before), self.of_variant(after)), [0.0]
+        for item in self.changeovers:
+            time = item.between(before, after)
+            if time is not None and all(own.steps_at(item.machine)[0] for own in both):
+                means.append(time.mean)
+        return max(means)
 
     @property
     def placed(self) -> tuple[str, ...]:
@@ -516,3 +530,23 @@ class PartsSection(AssemblySection):
             ),
             fits=tuple(fit for fit in self.fits if others.isdisjoint(fit.parts)),
         )
+
+    def steps_at(self, machine: str | None) -> tuple[list[int], list[int]]:
+        """Return the steps that first and last concern a machine, or all of them without one, from 1.
+
+        They put a part down where it works, and take it on from there; where it works at a part in its place, they
+        are the work itself.
+        """
+        if machine is None:
+            steps = list(range(1, len(self.steps) + 1))
+            return steps, steps
+        begin, end = list[int](), list[int]()
+        for k, step in enumerate(self.steps):
+            process = self.processes.get(step.process or "")
+            if process is None or process.machine != machine or step.at is None:
+                continue
+            moves = [n for n, own in enumerate(self.steps) if own.place == step.at.part]
+            put = max((n for n in moves if n < k), default=k)
+            begin.append((k if self.steps[put].at is None else put) + 1)
+            end.append(min((n for n in moves if n > k), default=k) + 1)
+        return begin, end
