@@ -233,6 +233,7 @@ REFUSED: dict[str, tuple[tuple[str, str], str]] = {
     "twice the same": ((PALLET, PALLET[:-1] + ", order: [1, 1]}"), "order must have every number from 1 to 2 once"),
     "one too many": ((PALLET, PALLET[:-1] + ", order: [1, 2, 3]}"), "order must have every number from 1 to 2 once"),
     "an unknown order": ((PALLET, PALLET[:-1] + ", order: snake}"), "rows, columns, clear"),
+    "clear ways of goals": (("[0.05, -0.25, 0.02]}}", "[0.05, -0.25, 0.02]}, goals: {xyz_m: [0, 0, 0], grid: {counts: [1, 1], pitch_m: [1, 1], order: clear}}}"), "order clear is of trays and pallets"),
     "an unknown source": (("[left, right]", "[left, rigth]"), "did you mean 'right'"),
     "a source twice": (("[left, right]", "[left, left]"), "left is named twice: name each source once"),
     "a source of two": (("  steps:", "    - {name: peg, size_m: [0.03, 0.03, 0.04], source: right, goal: {xyz_m: [0.1, 0, 0.02]}}\n  steps:"), "what shares right must name the same sources"),

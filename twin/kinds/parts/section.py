@@ -15,7 +15,7 @@ from twin.durations.model import PositiveSeconds
 from twin.kinds.parts.between import AfterSection, FitSection
 from twin.kinds.parts.sources import (
     Amount,
-    GridSection,
+    FixedGrid,
     Places,
     ProductsSection,
     SourceSection,
@@ -315,7 +315,7 @@ class PlaceOfWork(Section):
     fixture: Name | None = None
     frame: Name | None = None
     pose: PoseSection | None = None
-    grid: GridSection | None = None
+    grid: FixedGrid | None = None
 
     not_both = (("part", "fixture"),)
 

@@ -7,7 +7,13 @@ from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    model_validator,
+)
 
 from planning.transforms import Array, Transform, read_only_copy, translation
 from twin.document.section import Name, Section, Several, with_tuples
@@ -128,6 +134,17 @@ class GridSection(Section):
         return f"place {number + 1}" + (f" in layer {layer}" if self.counts[2:] else "")
 
 
+def _without_clear(grid: GridSection) -> GridSection:
+    if grid.order == "clear":
+        words = "order clear is of trays and pallets"
+        raise ValueError(f"{words}: write rows, columns or numbers")
+    return grid
+
+
+FixedGrid = Annotated[GridSection, AfterValidator(_without_clear)]
+"""Places whose order does not depend on how a part is led there."""
+
+
 class PlacesSection(PoseSection):
     """A pose, or places in rows, columns and layers, the first of which is there.
 
@@ -135,15 +152,7 @@ class PlacesSection(PoseSection):
         grid: the places, in the frame of the pose; the pose alone when not given.
     """
 
-    grid: GridSection | None = None
-
-    @model_validator(mode="after")
-    def _order_is_of_one_part(self) -> PlacesSection:
-        if self.grid is not None and self.grid.order == "clear":
-            raise ValueError(
-                "order clear is of trays and pallets: write rows, columns or numbers"
-            )
-        return self
+    grid: FixedGrid | None = None
 
     def places(self) -> list[Transform]:
         """Return the places in the world."""
