@@ -38,18 +38,19 @@ def committed_subgraph(
 
     Tasks that have no node left are kept as left out, so that indices stay; those behind the last one
     that has are dropped. What may touch in such tasks may not in others, which get their indices later.
+    A skill within which its robot stops for good is a failed attempt, with the part of its path that is left.
     """
     kept = [k for k, count in enumerate(counts) if count]
     chains = tuple(tpg.chains[k].cut(0, counts[k]) for k in kept)
     place = {k: n for n, k in enumerate(kept)}
     done = {int(task) for chain in chains for task in chain.task}
     cut = {
-        int(chain.task[n - 1])
+        int(chain.task[n - 1]): _waypoints_of_last_task(chain, n)
         for chain, n in zip(tpg.chains, counts, strict=True)
         if 0 < n < len(chain) and chain.task[n] == chain.task[n - 1]
     }
     tasks = tuple(
-        (replace(task, goal=False) if task.index in cut else task)
+        (_interrupted(task, cut[task.index]) if task.index in cut else task)
         if task.index in done
         else _as_omitted_task(task)
         for task in tpg.tasks[: max(done, default=-1) + 1]
@@ -87,6 +88,27 @@ def contacts_allowed_during(
     """Return the contacts allowed in some tasks, and in no others."""
     pairs = ((c, replace(c, tasks=c.tasks.intersection(tasks))) for c in allowed)
     return tuple(own for c, own in pairs if own.tasks or not c.tasks)
+
+
+def _waypoints_of_last_task(chain: NodeChain, count: int) -> int:
+    """Return the number of waypoints of the last task that are in the first nodes of a chain."""
+    begin = int(np.argmax(chain.task == chain.task[count - 1]))
+    return int(chain.first[count] - chain.first[begin])
+
+
+def _interrupted(task: Task, waypoints: int) -> Task:
+    """Return a task of which only the first waypoints are executed."""
+    if task.kind == TaskKind.TRANSIT:
+        return replace(task, goal=False)
+    return replace(
+        task,
+        kind=TaskKind.FAILED,
+        label=f"{task.label}: interrupted",
+        path=task.path[:waypoints],
+        handlings=tuple(h for h in task.handlings if h.waypoint <= waypoints),
+        actuations=tuple(a for a in task.actuations if a.waypoint <= waypoints),
+        goal=False,
+    )
 
 
 def _as_omitted_task(task: Task) -> Task:

@@ -180,7 +180,7 @@ class LedgerDraft(LedgerEntries):
                 self.dropped[one] = words
 
     def leave_off(self, steps: Collection[int], whole: Sequence[int]) -> None:
-        """Abandon the unstarted steps of an object if one of its steps will not be done.
+        """Abandon the unstarted steps of an object, with all dependent ones, if one of its steps will not be done.
 
         Args:
             steps: those that are not begun.
@@ -189,7 +189,9 @@ class LedgerDraft(LedgerEntries):
         undone = next((k for k in whole if k in self.undone), None)
         reasons = self.dropped if undone in self.dropped else self.given_up
         for step in sorted(set(steps) - self.undone) if undone else ():
-            reasons[step] = f"step {undone} is not done"
+            for one, words in self._with_resting(step, f"step {undone} is not done"):
+                if one not in self.undone:
+                    reasons[one] = words
 
     def falls(self) -> bool:
         """Record dependents of steps that will not be done; return whether there are any."""

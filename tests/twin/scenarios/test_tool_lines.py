@@ -1,5 +1,6 @@
 """A line with a change of tools per product, a robot on a rail, and a rack behind a door."""
 
+import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from scheduling.repeat import repeat_graph
 from scheduling.verification.verify import verify_plan
 from tests.planted import rows
 from tests.twin.operations.operated import operated
+from tests.twin.operations.operated import planned as operated_plan
 from tests.twin.scenarios.executed import executed
 from tests.twin.scenarios.tool_line import AT_RACKS, tool_line
 from tests.twin.simulated import simulate
@@ -173,3 +175,26 @@ def test_what_cannot_be_said_is_refused(
     folder: Path, old: str, new: str, message: str
 ) -> None:
     assert message in str(refusal(folder, tool_line(folder), (old, new)))
+
+
+@pytest.fixture(scope="module")
+def without_changes(folder: Path) -> PlanResult:
+    """Four products planned one by one, with an arm that keeps its tool."""
+    text = tool_line(folder).replace("tools: [gripper, driver]", "tool: gripper")
+    text = text.replace("tool: driver}", "tool: gripper}").replace(
+        "count: 7", "count: 4"
+    )
+    text = re.sub(r"    driver:\n(      .*\n)+?(?=    cup)", "", text)
+    text = re.sub(r"      rack: .*\n", "", text)
+    return operated_plan(written(folder, text, name="fixed_tools.yaml"))
+
+
+@pytest.mark.parametrize(("robot", "at_s"), [("arm", 0.82), ("press", 2.32)])
+def test_an_outage_leaves_no_half_skill_and_nothing_in_the_air(
+    without_changes: PlanResult, robot: str, at_s: float
+) -> None:
+    """An arm stops on its way to a block; a press that is out leaves caps without blocks."""
+    values = {"outages": [{"robot": robot, "at_s": at_s}]}
+    done, _ = operated(without_changes, 0, **values)
+    assert verify_plan(done.tpg).problems == ()
+    assert audited(done, without_changes.scenario.varied(values)) == []
