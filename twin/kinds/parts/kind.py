@@ -36,6 +36,7 @@ from twin.scenario.sections.shapes import to_planning_class
 
 if TYPE_CHECKING:
     from planning.parts.work import PartWork
+    from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
     from scheduling.planned_motions import PlannedMotions
 
 
@@ -235,15 +236,15 @@ class PartKind(AssemblyKind):
                 found = find_alike_candidates(cell, assembly, find_candidates)
             return part_work(found)
 
-    def finished(self, motions: PlannedMotions) -> PlannedMotions:
-        """Return motions with their repetition pattern and the product of each task."""
-        line = self.line
-        if line.products == 1 or self.whole:
-            return motions
+    def all_products(self, plans: Sequence[TemporalPlanGraph]) -> TemporalPlanGraph:
+        """Return the plan of all products from that of the first ones."""
+        from scheduling.sequences.copies import copies_in_sequence
+        from scheduling.sequences.splice import splice_plans
         from twin.kinds.parts.pattern import line_pattern
 
-        pattern = line_pattern(line, motions.motion_plan.tasks)
-        return replace(motions, pattern=pattern)
+        (plan,) = plans
+        pattern = line_pattern(self.line, plan.tasks)
+        return splice_plans(copies_in_sequence(plan, pattern))
 
 
 def _objects(line: Line, folder: Path) -> tuple[CellObject, ...]:

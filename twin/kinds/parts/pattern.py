@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from planning.tasks.task import Task, TaskKind, is_product_task
-from scheduling.copies import Pattern, product_part_name
+from scheduling.sequences.copies import Pattern, product_part_name
 from twin.kinds.parts.line import Line
 
 
