@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -24,12 +25,12 @@ class Assembly(ABC):
 
     Attributes:
         problem: the assignment problem.
-        product: number of steps of one product, which are planned together; 1 without products.
+        product_ends: number of the last step of each product, whose steps are planned together; empty without products.
         spare_steps: number of steps at the end that are only done if more products are ordered or others fail.
     """
 
     problem: AssignmentProblem
-    product: int = field(default=1, kw_only=True)
+    product_ends: Sequence[int] = field(default=(), kw_only=True)
     spare_steps: int = field(default=0, kw_only=True)
 
     @property
@@ -134,10 +135,23 @@ class Assembly(ABC):
         }
         return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
 
+    @property
+    def ends(self) -> Sequence[int]:
+        """Number of the last step of each product; without products every step is one."""
+        return self.product_ends or range(1, self.steps + 1)
+
+    def steps_of_products(self, count: int) -> int:
+        """Return the number of steps of a number of first products, or of all that there are."""
+        return self.ends[min(count, len(self.ends)) - 1] if count > 0 else 0
+
     def with_whole_products(self, count: int) -> int:
         """Return a number of first steps, extended to the end of the last product."""
-        return min(-(-count // self.product) * self.product, self.steps)
+        return self.steps_of_products(bisect_left(self.ends, count) + 1)
+
+    def whole_products(self, count: int) -> int:
+        """Return how many products are complete after a number of first steps."""
+        return bisect_right(self.ends, count)
 
     def count_products(self, steps: Iterable[int]) -> int:
         """Return the number of products of some steps, counted from 1."""
-        return len({(step - 1) // self.product for step in steps})
+        return len({bisect_left(self.ends, step) for step in steps})

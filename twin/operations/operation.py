@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -257,9 +258,8 @@ def operate(
 
 def _products_of(steps: Iterable[int], kind: AssemblyKind) -> set[int]:
     """Return the products of some steps, from 1; empty for one product."""
-    if (count := kind.products()) == 1:
-        return set()
-    return {(step - 1) // (kind.steps() // count) + 1 for step in steps}
+    ends = kind.product_ends()
+    return {bisect_left(ends, step) + 1 for step in steps} if len(ends) > 1 else set()
 
 
 def _with_products(

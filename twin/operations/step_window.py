@@ -69,7 +69,10 @@ class StepWindow:
 
     def whole_products(self, steps: int) -> int:
         """Return how many of the first steps make whole products; all without products."""
-        return steps if self._ahead is None else steps - steps % self._ahead.product
+        ahead = self._ahead
+        if ahead is None:
+            return steps
+        return ahead.steps_of_products(ahead.whole_products(steps))
 
     @property
     def ordered_at_once(self) -> bool:
@@ -86,16 +89,16 @@ class StepWindow:
         if self._ahead is None:
             return 0
         ahead = self._ahead
-        wanted = ahead.wanted + (ahead.count_products(given_up) + more) * ahead.product
-        return min(wanted, ahead.steps)
+        others = ahead.count_products(given_up) + more
+        return ahead.steps_of_products(ahead.whole_products(ahead.wanted) + others)
 
     def is_short(self, given_up: Collection[int], more: int, planned: int) -> bool:
         """Return whether a number of planned steps lacks wanted ones; see ``last``."""
         if self._ahead is None or not self.in_products:
             return bool(given_up)
         ahead = self._ahead
-        made = planned // ahead.product - ahead.count_products(given_up)
-        return made < ahead.wanted // ahead.product + more
+        made = ahead.whole_products(planned) - ahead.count_products(given_up)
+        return made < ahead.whole_products(ahead.wanted) + more
 
     def all_steps(self, plan: TaskPlan) -> range:
         """Return the numbers of all steps, those after the planned ones included."""

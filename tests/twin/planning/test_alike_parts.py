@@ -17,7 +17,8 @@ from tests.twin.written import checked, loaded, refusal, written
 from twin.audits.audit import audit_run
 from twin.audits.expectations import Expectations, Place, scenario_expectations
 from twin.kinds.parts.alike import alike_parts, listed_steps, with_named_parts
-from twin.kinds.parts.built import build_assembly
+from twin.kinds.parts.built import assembly_of
+from twin.kinds.parts.line import write_out_line
 from twin.kinds.parts.section import PartSection, PartsSection
 from twin.kinds.parts.sources import GridSection, PlacesSection
 from twin.reading.scenario_file import load_scenario
@@ -101,7 +102,7 @@ def test_parts_have_names_and_goals_have_steps(tmp_path: Path) -> None:
     ]
     assert listed_steps(section(tmp_path)) == (0, 0, 0, 1)
     assert with_named_parts(own) is own
-    assert build_assembly(section(tmp_path)).alike == (
+    assert assembly_of(write_out_line(section(tmp_path))).alike == (
         tuple(f"peg.{k}" for k in range(1, 6)),
     )
 

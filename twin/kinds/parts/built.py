@@ -23,7 +23,7 @@ from planning.parts.assembly import (
 )
 from planning.statics.standing_rules import Joint, StandingRules
 from planning.transforms import Transform, read_only_copy
-from twin.kinds.parts.line import Line, MachineJob, write_out_line
+from twin.kinds.parts.line import Line, MachineJob
 from twin.kinds.parts.section import (
     PartGripSection,
     PartSection,
@@ -32,11 +32,6 @@ from twin.kinds.parts.section import (
     StepSection,
 )
 from twin.scenario.sections.shapes import plain_values, to_planning_class
-
-
-def build_assembly(section: PartsSection) -> PartAssembly:
-    """Return goals, steps, grips and supplies of a section, with products expanded."""
-    return assembly_of(write_out_line(section))
 
 
 def assembly_of(line: Line) -> PartAssembly:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,13 +77,28 @@ class PartKind(AssemblyKind):
 
     def steps(self) -> int:
         """Return the number of steps, of one product or of all."""
-        return len(listed_steps(self.section)) * (self.products() if self.whole else 1)
+        ends = self.product_ends()
+        return ends[-1] if self.whole or self.variants() else ends[0]
 
     def wanted_steps(self) -> int:
         """Return the number of steps without those of spare products."""
         products = self.section.products
-        spare = products.spare if products and self.whole else 0
-        return self.steps() - spare * len(listed_steps(self.section))
+        if products is None or not self.whole:
+            return self.steps()
+        return self.product_ends()[products.count - 1]
+
+    def product_ends(self) -> Sequence[int]:
+        """Return the number of the last step of each product."""
+        steps = {k: self.section.steps_of(k) for k in self.variants()}
+        if steps:
+            return list(accumulate(len(steps[k]) for k in self.variants()))
+        count = len(listed_steps(self.section))
+        return range(count, count * self.products() + 1, count)
+
+    def variants(self) -> tuple[str, ...]:
+        """Return the variant of each product, spare ones included if expanded; empty without variants."""
+        products = self.section.products
+        return () if products is None else products.sequence(self.products())
 
     def products(self) -> int:
         """Return the number of products, spare ones included if expanded."""
@@ -214,8 +230,7 @@ class PartKind(AssemblyKind):
         else:
             with watch.stage("assignment", ASSIGNMENT):
                 work = lazy_part_work(cell, assembly)
-        period = len(listed_steps(self.section))
-        return replace(work, product=period, spare_steps=spare)
+        return replace(work, product_ends=self.product_ends(), spare_steps=spare)
 
     def assembly(self, cell: Workcell, watch: StageWatch) -> PartWork:
         """Return the assembly with all candidates; the stage is assignment."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import product as product_of
+from itertools import accumulate
 from typing import TypeVar
 
 from planning.parts.assembly import TimeLag
@@ -53,23 +53,24 @@ class MachineJob:
     product: int = 1
 
 
-def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]:
+def machine_jobs(
+    section: PartsSection, products: Sequence[int]
+) -> Mapping[int, MachineJob]:
     """Return the jobs of steps without robots, by step number from 1.
 
     Args:
         section: with the steps of all products that are written out.
-        period: how many these are.
+        products: the product of each step, from 1.
     """
     uses = Counter(step.process for step in section.steps if step.process)
-    length = len(section.steps) // period
     found: dict[int, MachineJob] = {}
     counted: Counter[tuple[str, int]] = Counter()
-    for number, step in enumerate(section.steps, start=1):
+    steps = zip(section.steps, products, strict=True)
+    for number, (step, product) in enumerate(steps, start=1):
         name = step.process or ""
         process = section.processes.get(name)
         if process is None or not process.without_robot:
             continue
-        product = (number - 1) // length + 1
         machine, door, part = process.machine, None, None
         if machine is None:
             counted[name, 0] += 1
@@ -97,6 +98,8 @@ class Line:
         later: parts that are not there at the start.
         products: how many there are to be.
         period: how many are written out.
+        origins: of each step its product, from 1, and its index among the steps of the section that was expanded,
+            from 0.
         numbers: part and product by name of a numbered part.
         jobs: jobs of steps without robots, by step number from 1.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
@@ -107,6 +110,7 @@ class Line:
     later: frozenset[str] = frozenset()
     products: int = 1
     period: int = 1
+    origins: tuple[tuple[int, int], ...] = ()
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
     alike: tuple[AlikeParts, ...] = ()
@@ -148,11 +152,12 @@ def write_out_line(section: PartsSection, *, whole: bool = False) -> Line:
         whole: write out all products, however many they are.
     """
     named = with_named_parts(section)
-    line = (
-        _written_out(named.model_dump_json(), whole)
-        if _has_line(named)
-        else Line(named, jobs=machine_jobs(named, 1))
-    )
+    if _has_line(named):
+        line = _written_out(named.model_dump_json(), whole)
+    else:
+        origins = tuple((1, k) for k in range(len(named.steps)))
+        jobs = machine_jobs(named, [1] * len(origins))
+        line = Line(named, origins=origins, jobs=jobs)
     return line if named is section else replace(line, alike=alike_parts(section))
 
 
@@ -212,16 +217,39 @@ class _Writer:
         self.products = 1 if products is None else products.count
         if whole and products is not None:
             self.products += products.spare
+        self.sequence = products.sequence(self.products) if products else ()
+        self.own = {
+            variant: section.of_variant(variant) for variant in {*self.sequence, ""}
+        }
         self.slots = {
             name: source_places(item) for name, item in section.sources.items()
         }
-        self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
-        for name in section.taken:
-            if (source := self.parts[name].source) is not None:
-                self.taken[source].append(name)
         grid = None if products is None else products.places
         self.places = [translation(0.0, 0.0, 0.0)] if grid is None else grid.places()
-        self.period = self.products if whole else self._period()
+        every = whole or bool(self.sequence)
+        self.period = self.products if every else self._period()
+        self.origins = tuple(
+            (product, k)
+            for product in range(1, self.period + 1)
+            for k in section.steps_of(self._variant(product))
+        )
+        self.ends = list(
+            accumulate(
+                len(self._of(product).steps) for product in range(1, self.period + 1)
+            )
+        )
+
+    def _variant(self, product: int) -> str:
+        return self.sequence[product - 1] if self.sequence else ""
+
+    def _of(self, product: int) -> PartsSection:
+        """Return the section with the steps of a product."""
+        return self.own[self._variant(product)]
+
+    def _names(self, source: str, product: int) -> list[str]:
+        """Return the parts of a product that come from a source, in the order in which they are taken."""
+        taken = self._of(product).taken
+        return [name for name in taken if self.parts[name].source == source]
 
     def line(self) -> Line:
         handled = set(self.section.placed)
@@ -230,14 +258,9 @@ class _Writer:
         refills: dict[int, Refill] = {}
         numbers: dict[str, tuple[str, int]] = {}
         sourced: list[str] = []
-        for source, names in self.taken.items():
-            if not names:
-                continue
-            size = len(self.slots[source])
-            # The parts of the pattern, and those that fill the source at its end.
-            end = self.period * len(names) + size
-            for q in range(min(end, self.products * len(names))):
-                part, product = names[q % len(names)], q // len(names) + 1
+        for source in self.section.sources:
+            size, taken = len(self.slots[source]), self._taken(source)
+            for q, (part, product) in enumerate(taken):
                 name = self._name(part, product)
                 parts.append(self._part(part, product, self.slots[source][q % size]))
                 if self.section.products is not None:
@@ -246,24 +269,28 @@ class _Writer:
                 if q >= size:
                     later.add(name)
                 if q >= size and q % size == 0:
-                    refills[self._taken_in(names, q - 1)] = self._refill(source, q)
+                    refills[self._taken_in(*taken[q - 1])] = self._refill(
+                        source, taken[q : q + size]
+                    )
         for name in self.section.placed:
             if self.parts[name].source is None:
                 parts.append(self._part(name, 1, None))
         steps = tuple(
             self._step(step, product)
             for product in range(1, self.period + 1)
-            for step in self.section.steps
+            for step in self._of(product).steps
         )
         section = self.section.model_copy(
             update={
                 "parts": tuple(parts),
                 "steps": steps,
                 "joined": tuple(self._joined()),
-                "fits": tuple(fit for fit, _ in self._of_products(self.section.fits)),
+                "fits": tuple(
+                    fit for fit, _ in self._of_products(lambda own: own.fits)
+                ),
             }
         )
-        jobs = machine_jobs(section, self.period)
+        jobs = machine_jobs(section, [product for product, _ in self.origins])
         if section.products is not None:
             for job in jobs.values():
                 if job.door is not None and job.part is not None:
@@ -279,6 +306,7 @@ class _Writer:
             frozenset(later),
             self.products,
             self.period,
+            self.origins,
             numbers,
             jobs,
         )
@@ -286,8 +314,8 @@ class _Writer:
     def _period(self) -> int:
         """Return the period: number of products after which all sources are full and places empty."""
         period = 1
-        for source, names in self.taken.items():
-            size = len(self.slots[source])
+        for source, slots in self.slots.items():
+            size, names = len(slots), self._names(source, 1)
             if names:
                 period = math.lcm(period, size // math.gcd(size, len(names)))
         period = math.lcm(period, len(self.places))
@@ -297,13 +325,24 @@ class _Writer:
         own = self.section.products is not None and part in self.section.placed
         return product_part_name(part, product) if own else part
 
-    def _taken(self, names: list[str], q: int) -> str:
-        return self._name(names[q % len(names)], q // len(names) + 1)
+    def _taken(self, source: str) -> list[tuple[str, int]]:
+        """Return the parts that are taken from a source, each with its product, in their order.
 
-    def _taken_in(self, names: list[str], q: int) -> int:
-        """Return the step that takes a part of a source, counted from 0."""
-        steps = [step.place for step in self.section.steps]
-        return q // len(names) * len(steps) + steps.index(names[q % len(names)]) + 1
+        They are those of the products that are written out, and those that fill the source at their end.
+        """
+        size, found, own = len(self.slots[source]), list[tuple[str, int]](), 0
+        for product in range(1, self.products + 1):
+            found += [(name, product) for name in self._names(source, product)]
+            own = len(found) if product <= self.period else own
+            if product > self.period and (not found or len(found) >= own + size):
+                break
+        return found[: own + size]
+
+    def _taken_in(self, part: str, product: int) -> int:
+        """Return the step that takes a part of a source, from 1."""
+        steps = self._of(product).steps
+        own = [step.place for step in steps].index(part) + 1
+        return self.ends[product - 1] - len(steps) + own
 
     def _part(self, name: str, product: int, slot: Transform | None) -> PartSection:
         part = self.parts[name]
@@ -318,12 +357,11 @@ class _Writer:
             )
         return part.model_copy(update=update)
 
-    def _refill(self, source: str, first: int) -> Refill:
-        """Return the refill of a source at a part counted from 0."""
-        names, places = self.taken[source], self.slots[source]
-        last = min(first + len(places), self.products * len(names))
+    def _refill(self, source: str, taken: Sequence[tuple[str, int]]) -> Refill:
+        """Return the refill of an empty source with parts of products."""
         parts: tuple[PlacedPart, ...] = tuple(
-            (self._taken(names, q), places[q % len(places)]) for q in range(first, last)
+            (self._name(*own), place)
+            for own, place in zip(taken, self.slots[source], strict=False)
         )
         section = self.section.sources[source]
         machine = feeding_machine(source, section)
@@ -333,16 +371,16 @@ class _Writer:
 
     def _leaves(self) -> Iterator[tuple[int, Leaving]]:
         """Yield leaving objects with their steps."""
-        together, steps = len(self.places), len(self.section.steps)
+        together = len(self.places)
         if self.section.products is None or together > self.products:
             return
         for last in range(together, self.period + 1, together):
             parts = tuple(
                 (self._name(name, product), self._goal(name, product))
                 for product in range(last - together + 1, last + 1)
-                for name in self.section.placed
+                for name in self._of(product).placed
             )
-            yield last * steps, Leaving(OUTFEED, parts)
+            yield self.ends[last - 1], Leaving(OUTFEED, parts)
 
     def _goal(self, name: str, product: int) -> Transform:
         goal = self._part(name, product, None).goal
@@ -351,18 +389,21 @@ class _Writer:
 
     def _joined(self) -> Iterator[JoinedSection]:
         """Yield the joints of all products, with their names."""
-        for joint, product in self._of_products(self.section.joined):
+        for joint, product in self._of_products(lambda own: own.joined):
             by = joint.by
             if by is not None and self.section.products is not None:
                 by = product_part_name(by, product)
             yield joint.model_copy(update={"by": by})
 
-    def _of_products(self, pairs: Sequence[Pair]) -> Iterator[tuple[Pair, int]]:
+    def _of_products(
+        self, pairs: Callable[[PartsSection], Sequence[Pair]]
+    ) -> Iterator[tuple[Pair, int]]:
         """Yield pairs with names expanded for each product and its number; others once."""
-        for product, item in product_of(range(1, self.period + 1), pairs):
-            parts = tuple(self._name(name, product) for name in item.parts)
-            if parts != item.parts or product == 1:
-                yield item.model_copy(update={"parts": parts}), product
+        for product in range(1, self.period + 1):
+            for item in pairs(self._of(product)):
+                parts = tuple(self._name(name, product) for name in item.parts)
+                if parts != item.parts or product == 1:
+                    yield item.model_copy(update={"parts": parts}), product
 
     def _step(self, step: StepSection, product: int) -> StepSection:
         """Return a step for a product, with that product's names."""

@@ -12,6 +12,7 @@ from planning.parts.assembly import PartAssembly, Work
 from planning.parts.part_steps import KnownStep, part_steps
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import listed_steps
+from twin.kinds.parts.line import Line, write_out_line
 from twin.kinds.parts.section import PartsSection
 
 
@@ -27,17 +28,17 @@ class OrderedParts:
     cell: Workcell
     section: PartsSection
 
-    @property
-    def count(self) -> int:
-        """Number of its steps, per product."""
-        return len(listed_steps(self.section))
+    @cached_property
+    def line(self) -> Line:
+        """The products that are planned."""
+        return write_out_line(self.section)
 
     @cached_property
     def listed(self) -> PartAssembly:
         """The assembly with its steps as the file lists them."""
-        from twin.kinds.parts.built import build_assembly
+        from twin.kinds.parts.built import assembly_of
 
-        return build_assembly(self.section)
+        return assembly_of(self.line)
 
     @cached_property
     def cell_without_alike_parts(self) -> Workcell:
@@ -70,8 +71,8 @@ class OrderedParts:
 
     def step_at(self, number: int, *keys: str) -> KeyPath:
         """Return the path of a step in the file, by its number from 1; products share paths."""
-        listed = listed_steps(self.section)
-        return ("assembly", "steps", listed[(number - 1) % len(listed)], *keys)
+        _, index = self.line.origins[number - 1]
+        return ("assembly", "steps", listed_steps(self.section)[index], *keys)
 
     def works(self) -> Iterator[tuple[int, KnownStep, Work, list[PlacedRobot]]]:
         """Yield robot processes in that order: listed number from 1, and allowed robots.

@@ -16,12 +16,11 @@ from twin.kinds.parts.line import Line
 
 def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
     """Return the repetition pattern of a line's plan, from its tasks in order."""
-    steps = len(line.section.steps) // line.period
     product = np.array(
         [
             line.numbers[str(task.object)][1]
             if task.kind in (TaskKind.ARRIVE, TaskKind.PRESENT)
-            else (task.step - 1) // steps + 1
+            else line.origins[task.step - 1][0]
             for task in tasks
         ],
         dtype=np.int64,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 
 import networkx as nx
 
@@ -13,6 +14,9 @@ from twin.kinds.parts.line import OUTFEED, Line, feeding_machine
 from twin.kinds.parts.section import PartsSection, StepSection
 from twin.kinds.statics import check_distinct_ends
 from twin.scenario.sections.cell import CellSection
+
+_MOST_OF_VARIANTS = 5000
+"""Most products where they are of several variants."""
 
 
 def find_part_problems(section: PartsSection, cell: CellSection) -> Problems:
@@ -25,6 +29,7 @@ def find_part_problems(section: PartsSection, cell: CellSection) -> Problems:
     yield from find_alike_problems(section)
     yield from _check_steps(section)
     yield from _check_line(section)
+    yield from _check_variants(section)
     yield from _check_work(section, cell)
 
 
@@ -220,6 +225,53 @@ def _check_line(section: PartsSection) -> Problems:
     if section.order == "find" and (sources or section.products):
         words = "are taken in the order of the steps: list them in that order"
         yield ("assembly", "order"), f"parts of sources {words}"
+
+
+def _check_variants(section: PartsSection) -> Problems:
+    """Yield unknown and empty variants, and steps that need a part which their products do not have."""
+    products = section.products
+    variants = products.variants if products else {}
+    none, at = "there are no variants: give products.variants", ("assembly", "products")
+    for k, step in enumerate(section.steps):
+        for i, name in enumerate(step.variants or ()):
+            own = ("assembly", "steps", k, "variants", i)
+            yield from check_known_name(own, "variant", name, variants, none)
+    if products is None or not variants:
+        return
+    if products.count + products.spare > _MOST_OF_VARIANTS:
+        words = f"at most {_MOST_OF_VARIANTS} products of several variants are planned, spare ones included"
+        yield (*at, "count"), words
+    order = () if isinstance(products.order, str) else products.order
+    for i, name in enumerate(order):
+        yield from check_known_name((*at, "order", i), "variant", name, variants)
+    for name, variant in variants.items():
+        if order and name not in order:
+            words = f"order has no {name}: name it there, or leave {name} out"
+            yield (*at, "variants", name), words
+        if order and variant.share is not None:
+            words = "order says how many there are: leave share out"
+            yield (*at, "variants", name, "share"), words
+        if not section.steps_of(name):
+            words = f"no step is of {name}: let a step name it in variants"
+            yield (*at, "variants", name), words
+    for i, part in enumerate(section.parts):
+        if part.several:
+            words = f"{part.name} stands for parts that are alike, and products of several variants have none"
+            yield ("assembly", "parts", i), f"{words}: give each an entry of its own"
+    for k, step in enumerate(section.steps):
+        needed = [step.hold, step.at.part if step.at else None]
+        needed += [step.place] if step.at else []
+        for thing in {*needed} & {*section.placed}:
+            puts = [
+                s.variants or variants
+                for s in section.steps
+                if s.place == thing and not s.at
+            ]
+            own = {*(step.variants or variants)} & variants.keys()
+            lacking = sorted(own - {*chain(*puts)})
+            if lacking:
+                words = f"of variant {lacking[0]} no step puts {thing} in its place, which this step needs"
+                yield ("assembly", "steps", k), f"{words}: give this step variants"
 
 
 def machine_names(section: PartsSection) -> Problems:

@@ -284,6 +284,7 @@ class StepSection(Section):
         hold: part that another robot grips, where it lies, for as long as this is done.
         until: name of a later step; whoever places the part keeps hold of it until that one is
             complete. What a later step joins, and would fall without, is kept hold of anyway.
+        variants: names of the variants of products that it is of; all when not given.
         path: of this step, in place of that of the process.
         turn_deg: of this step, in place of that of the process.
     """
@@ -296,6 +297,7 @@ class StepSection(Section):
     robots: Several[Name] | None = None
     hold: Name | None = None
     until: Name | None = None
+    variants: Several[Name] | None = None
     path: tuple[PoseSection, ...] | None = None
     turn_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
 
@@ -417,3 +419,31 @@ class PartsSection(AssemblySection):
     def taken(self) -> tuple[str, ...]:
         """Names of these parts in the order in which they are taken first."""
         return tuple(dict.fromkeys(step.place for step in self.steps if step.place))
+
+    def steps_of(self, variant: str) -> tuple[int, ...]:
+        """Return the indices of the steps of a variant, from 0."""
+        steps = enumerate(self.steps)
+        return tuple(k for k, own in steps if variant in (own.variants or (variant,)))
+
+    def of_variant(self, variant: str) -> PartsSection:
+        """Return the assembly with the steps of one variant, and what they refer to."""
+        if not self.products or not self.products.variants:
+            return self
+        steps = [self.steps[k] for k in self.steps_of(variant)]
+        known = {step.known_as for step in steps}
+        others = {*self.placed} - {step.place for step in steps}
+        return self.changed(
+            steps=tuple(
+                step.changed(
+                    after=tuple(x for x in step.follows if x.step in known),
+                    until=step.until if step.until in known else None,
+                )
+                for step in steps
+            ),
+            joined=tuple(
+                joint
+                for joint in self.joined
+                if others.isdisjoint(joint.parts) and joint.by in {None, *known}
+            ),
+            fits=tuple(fit for fit in self.fits if others.isdisjoint(fit.parts)),
+        )

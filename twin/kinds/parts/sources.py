@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from planning.transforms import Transform, read_only_copy, translation
-from twin.document.section import PairOf, Section, Several, with_tuples
+from twin.document.section import Name, PairOf, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
+from twin.kinds.parts.variants import repeated_sequence, sequence_by_shares
 from twin.scenario.sections.shapes import PoseSection
 
 # Value ranges of keys.
@@ -187,11 +190,40 @@ class DueSection(Section):
     every_s: Seconds
 
 
+class VariantSection(Section):
+    """A variant of the products: it has the steps that name it in ``variants``, and those that name none.
+
+    Attributes:
+        share: how many of the products are of it, in proportion to the shares of the other variants; 1 when not
+            given.
+        due: when its products are due, in place of ``due`` of all.
+    """
+
+    share: Annotated[float, Field(ge=0, le=1e6)] | None = None
+    due: DueSection | None = None
+
+
+def _share_spelt_out(variant: Any) -> Any:
+    """Return a variant in full: a number alone is its share."""
+    number = isinstance(variant, int | float) and not isinstance(variant, bool)
+    return {"share": float(variant)} if number else with_tuples(variant)
+
+
+Variant = Annotated[
+    VariantSection,
+    BeforeValidator(_share_spelt_out, json_schema_input_type=VariantSection | float),
+]
+
+
 class ProductsSection(Section):
     """How many products are made, what becomes of them, and when they are due.
 
     Attributes:
         count: number of products.
+        variants: kinds of products, by name; with a number its share. All are equal when not given.
+        order: in which order variants are made: ``drawn`` draws each product by the shares; names of variants are
+            repeated until there are enough products.
+        seed: of these draws.
         places: a pallet: product by product stands in the next of its places, moved from
             ``goal`` along the axes of the world; the pallet leaves when it is full. Every product
             leaves on its own when not given.
@@ -206,6 +238,9 @@ class ProductsSection(Section):
 
     count: Annotated[int, Field(ge=1, le=100_000)]
     spare: Annotated[int, Field(ge=0, le=100_000)] = 0
+    variants: dict[Name, Variant] = Field(default_factory=dict)
+    order: Literal["drawn"] | Several[Name] = "drawn"
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     places: GridSection | None = None
     leave_s: Seconds = 0.0
     leave: AnyDuration | None = None
@@ -224,7 +259,28 @@ class ProductsSection(Section):
             raise ValueError(
                 "of the products at least two must be left after start_up to tell a takt"
             )
+        own = self.variants.values()
+        if not own and (self.order != "drawn" or self.seed):
+            raise ValueError("order and seed are of variants: give variants")
+        if own and not any(self.shares.values()):
+            raise ValueError("no variant has a share above 0: give one of them a share")
+        if len({self.due is None and one.due is None for one in own}) > 1:
+            raise ValueError("give due for each of the variants, for all, or for none")
         return self
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Shares of the variants by name."""
+        given = ((name, own.share) for name, own in self.variants.items())
+        return {name: 1.0 if share is None else share for name, share in given}
+
+    def sequence(self, count: int) -> tuple[str, ...]:
+        """Return the variant of each of a number of first products; empty without variants."""
+        if not self.variants:
+            return ()
+        if self.order == "drawn":
+            return sequence_by_shares(self.shares, count, self.seed)
+        return repeated_sequence(self.order, count)
 
     @property
     def leave_time(self) -> AnyDuration:
@@ -233,7 +289,15 @@ class ProductsSection(Section):
 
     def due_s(self) -> tuple[float, ...]:
         """Return when each product is due [s], nothing where they are not."""
-        if isinstance(self.due, DueSection):
-            first, every = self.due.first_s, self.due.every_s
-            return tuple(first + k * every for k in range(self.count))
-        return self.due or ()
+        return tuple(self._due_s())
+
+    def _due_s(self) -> Iterator[float]:
+        made = Counter[str]()
+        for k, variant in enumerate(self.sequence(self.count) or [""] * self.count):
+            own = self.variants[variant].due if variant in self.variants else None
+            number, due = (k, self.due) if own is None else (made[variant], own)
+            made[variant] += 1
+            if isinstance(due, DueSection):
+                yield due.first_s + number * due.every_s
+            elif due is not None:
+                yield due[k]

@@ -162,8 +162,16 @@ class AssemblyKind(Protocol):
         return ()
 
     def products(self) -> int:
-        """Return how many products are made, each in as many steps."""
+        """Return how many products are made."""
         return 1
+
+    def product_ends(self) -> Sequence[int]:
+        """Return the number of the last step of each product."""
+        return (self.steps(),)
+
+    def variants(self) -> tuple[str, ...]:
+        """Return the variant of each product; empty where all are equal."""
+        return ()
 
     def due(self) -> tuple[tuple[float, ...], int | None]:
         """Return when each product is due [s], and how many at the beginning do not count."""

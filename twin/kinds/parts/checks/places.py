@@ -33,6 +33,7 @@ from twin.checks.finding import (
     format_position,
     name_in_file,
 )
+from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.checks.context import for_part_assemblies
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import MachineSection
@@ -125,9 +126,12 @@ def check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
 
     Processes of tools that work at a distance give it as ``distance_m``.
     """
+    seen = set[KeyPath]()
     for number, known, step, robots in parts.works():
-        if number > parts.count:
+        at = parts.step_at(number)
+        if at in seen:
             continue  # of another product
+        seen.add(at)
         lying = standing_fixtures(subject.cell) | known.others
         there = {name: lying[name] for name in known.touched} or lying
         found = [
@@ -141,7 +145,7 @@ def check_works(subject: CheckContext, parts: OrderedParts) -> Findings:
         gap, robot, name = min(found)
         said = f"distance_m {room:g} says" if room else "works at"
         yield Finding(
-            parts.step_at(number),
+            at,
             f"{step.words}: the tool of {robot} stays {format_millimetres(gap)} away from {name}, the nearest that it"
             f" could work at, and at most {format_millimetres(_WORK_DISTANCE + room)} is what a tool {said}: move the place"
             f" of work or the tool's frame {step.process.frame!r}; for what works at a distance, such as a"

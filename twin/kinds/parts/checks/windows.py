@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -36,11 +36,18 @@ def check_windows(subject: CheckContext, parts: OrderedParts) -> Findings:
         takes = _least_s(subject, step)
         known = [own for own in step.follows if own.step in numbers]
         waits[k] = [(numbers[own.step], own.at_least_s, takes) for own in known]
-    for k, step in enumerate(section.steps):
+    products = section.products
+    for variant, (k, step) in product(
+        (products and products.variants) or [""], enumerate(section.steps)
+    ):
+        there = section.steps_of(variant)
         for i, own in enumerate(step.follows):
-            if own.within_s is None or own.step not in numbers:
+            first = numbers.get(own.step)
+            if own.within_s is None or first not in there or k not in there:
                 continue
-            least, longest = _longest(waits, numbers[own.step], k)
+            least, longest = _longest(
+                {n: [w for w in waits[n] if w[0] in there] for n in there}, first, k
+            )
             if least > own.within_s:
                 names = [section.steps[n].known_as or f"step {n + 1}" for n in longest]
                 yield Finding(
@@ -78,18 +85,24 @@ def _least_s(subject: CheckContext, step: StepSection) -> float:
 def check_due_times(subject: CheckContext, parts: OrderedParts) -> Findings:
     """Yield due times that decrease or cannot be kept."""
     products = parts.section.products
-    due = products.due_s() if products is not None else ()
-    for who, first, each in _paces(subject, parts.section) if due else ():
-        late = first + each * np.arange(len(due)) - np.array(due)
+    if products is None:
+        return
+    due = products.due_s()
+    sequence = products.sequence(len(due))
+    for who, gap, uses in _paces(subject, parts.section) if due else ():
+        takes = np.array([uses[variant] for variant in sequence or [""] * len(due)])
+        ready = np.cumsum(takes) - gap
+        late = ready - np.array(due)
         if late.max() > 0.0:
             k = int(np.argmax(late > 0.0))
             yield Finding(
-                ("assembly", "products", "due"),
-                f"due: product {k + 1} is due at {due[k]:g} s, and {who} takes {each:g} s for each product, so that it is"
-                f" not complete before {first + k * each:g} s; let products be due later",
+                ("assembly", "products", "due" if products.due else "variants"),
+                f"due: product {k + 1} is due at {due[k]:g} s, and {who} takes {takes[k]:g} s for"
+                f" {'it' if sequence else 'each product'}, so that it is not complete before {ready[k]:g} s; let"
+                " products be due later",
             )
     for k, (first, then) in enumerate(pairwise(due)):
-        if then < first:
+        if then < first and products.due and not sequence:
             yield Finding(
                 ("assembly", "products", "due", k + 1),
                 f"due: product {k + 2} is due at {then:g} s, before product {k + 1} at {first:g} s, and products are"
@@ -99,20 +112,36 @@ def check_due_times(subject: CheckContext, parts: OrderedParts) -> Findings:
 
 def _paces(
     subject: CheckContext, section: PartsSection
-) -> Iterator[tuple[str, float, float]]:
-    """Yield conveyors and machines of a line: description, time until the first product has its parts, and time per further one [s].
+) -> Iterator[tuple[str, float, dict[str, float]]]:
+    """Yield conveyors and machines of a line: description, time saved at the start, and time per product by variant [s].
 
     From mean durations; motions and other steps count as zero.
     """
-    folder = subject.folder
+    folder, products = subject.folder, section.products
+    variants = list(products.variants if products else ()) or [""]
+    steps = {k: section.of_variant(k).steps for k in variants}
     for name, source in section.sources.items():
-        count = sum(part.count or 1 for part in section.parts if part.source == name)
-        if isinstance(source, ConveyorSection) and count:
+        parts = {p.name: p.count or 1 for p in section.parts if p.source == name}
+        if isinstance(source, ConveyorSection) and parts:
             every = source.interval.located(folder).mean
-            yield f"source {name}", (count - 1) * every, count * every
+            taken = {k: {s.place or "" for s in own} for k, own in steps.items()}
+            yield (
+                f"source {name}",
+                every,
+                {
+                    k: every * sum(parts.get(n, 0) for n in own)
+                    for k, own in taken.items()
+                },
+            )
     models = subject.scenario.execution.skill_models(folder)
     for name in section.machines:
-        own = [step.process or "" for step in section.steps]
-        own = [k for k in own if k and section.processes[k].machine == name]
-        takes = sum(models[k].mean for k in own if k in models)
-        yield f"machine {name}", takes, takes
+        done = [k for k, own in section.processes.items() if own.machine == name]
+        means = {k: models[k].mean for k in done if k in models}
+        yield (
+            f"machine {name}",
+            0.0,
+            {
+                k: sum(means.get(step.process or "", 0.0) for step in own)
+                for k, own in steps.items()
+            },
+        )

@@ -1,0 +1,235 @@
+"""Products of several variants: their sequence, what is written out of them, and their plans."""
+
+import json
+from bisect import bisect_left
+from collections import Counter
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.tasks.assembly import Assembly
+from tests.assembly_section import assembly_section
+from tests.planted import planted
+from tests.twin.planning.test_lines import KITTING, planned
+from tests.twin.written import refusal, written
+from twin.audits.expectations import scenario_expectations
+from twin.kinds.parts.line import write_out_line
+from twin.kinds.parts.section import PartsSection
+from twin.kinds.parts.variants import repeated_sequence, sequence_by_shares
+from twin.reading.scenario_file import load_scenario
+from twin.scenario.sections.kind import assembly_kind
+from twin.scenario.sections.scenario import Scenario
+from twin.throughput.throughput import line_summary
+from twin.trial.simulation import execute
+
+TRAY = {
+    "kind": "tray",
+    "pose": {"xyz_m": [-0.35, -0.37, 0.075]},
+    "grid": {"counts": [1, 2], "pitch_m": [0.05, 0.06]},
+    "refill_s": 3.0,
+}
+STEPS = ["carrier", {"place": "nut", "variants": ["long"]}, "bolt", "seal"]
+"""Kits with and without a nut."""
+
+BOTH: dict[str, Any] = {"short": {}, "long": {}}
+
+
+def mix(folder: Path, *, steps: list[Any] = STEPS, **products: Any) -> Path:
+    """Return the file of the kitting line with kits of two variants and bolts from a tray."""
+    document = yaml.safe_load(KITTING.read_text())
+    document["planning"]["shortcut_candidates"] = 100
+    document["assembly"]["sources"]["bolts"] = TRAY
+    document["assembly"]["steps"] = steps
+    own = {"leave_s": 1.0, "variants": {"short": 0.7, "long": 0.3}}
+    document["assembly"]["products"] = {"count": 4, **own, **products}
+    return written(folder, yaml.safe_dump(document, sort_keys=False))
+
+
+def section_of(scenario: Scenario) -> PartsSection:
+    return assembly_section(scenario, PartsSection)
+
+
+@given(
+    st.dictionaries(st.sampled_from("abcd"), st.floats(0, 5), min_size=1),
+    st.integers(0, 30),
+    st.integers(0, 2**63 - 1),
+)
+@settings(max_examples=30, deadline=None)
+def test_a_drawn_sequence_is_that_of_fewer_products_and_more(
+    shares: dict[str, float], count: int, seed: int
+) -> None:
+    if not sum(shares.values()):
+        shares["e"] = 1.0
+    found = sequence_by_shares(shares, count, seed)
+    assert found == sequence_by_shares(shares, 40, seed)[:count]
+    assert all(shares[name] > 0.0 for name in found)
+
+
+def test_variants_are_drawn_by_their_shares() -> None:
+    counts = Counter(sequence_by_shares({"a": 14, "none": 0, "b": 6}, 5000, 1))
+    # Within four standard deviations of a binomial.
+    assert abs(counts["a"] - 3500) < 4 * np.sqrt(5000 * 0.7 * 0.3)
+    assert counts["a"] + counts["b"] == 5000
+    assert repeated_sequence("aab", 7) == tuple("aabaaba")
+
+
+@given(st.lists(st.sampled_from(["short", "long"]), min_size=1, max_size=9), st.data())
+@settings(max_examples=15, deadline=None)
+def test_sources_serve_in_the_order_of_the_sequence(
+    sequence: list[str], data: st.DataObject
+) -> None:
+    document = yaml.safe_load(KITTING.read_text())["assembly"]
+    steps = [
+        {"place": name, "variants": own} if own else name
+        for name in ("carrier", "bolt", "nut", "seal")
+        for own in [data.draw(st.sampled_from([None, ["long"]]))]
+    ]
+    document["sources"]["bolts"] = TRAY
+    for part in document["parts"][1:3]:  # both from the tray
+        part["source"] = "bolts"
+    products = {"count": len(sequence), "order": sequence}
+    document |= {"steps": ["carrier", *steps[1:]], "products": products}
+    products["variants"] = {name: {} for name in sequence}
+    line = write_out_line(PartsSection.model_validate_json(json.dumps(document)))
+    wanted, later, refills = list[str](), set[str](), dict[int, str]()
+    slot, emptied = 0, 0
+    tray = ["bolt", "nut"]
+    for product, variant in enumerate(sequence, start=1):
+        for step in document["steps"]:
+            name = step if isinstance(step, str) else step["place"]
+            if not isinstance(step, str) and variant not in step["variants"]:
+                continue
+            wanted.append(f"{name}.{product}")
+            if name in tray:
+                if slot >= 2:
+                    later.add(wanted[-1])
+                if slot >= 2 and slot % 2 == 0:
+                    refills[emptied] = wanted[-1]
+                slot, emptied = slot + 1, len(wanted)
+    assert [step.place for step in line.section.steps] == wanted
+    assert {n for n in line.later if n.split(".")[0] in tray} == later
+    found = {k: refill.parts[0][0] for k, refill in line.supply.refills.items()}
+    own = {k: name for k, name in found.items() if name.split(".")[0] in tray}
+    assert own == refills
+    assert [f"{n}" for n, _ in line.origins] == [name.split(".")[1] for name in wanted]
+    for refill in line.supply.refills.values():
+        assert len(refill.parts) <= 2
+
+
+def test_one_variant_is_written_out_as_a_line_without_variants(tmp_path: Path) -> None:
+    def line(**products: Any) -> Any:
+        file = mix(tmp_path, steps=["carrier", "nut", "bolt", "seal"], **products)
+        found = write_out_line(section_of(load_scenario(file)), whole=True)
+        return found, found.section.model_dump(exclude={"products"})
+
+    with_variant, one = line(count=5, variants={"only": 1})
+    without, other = line(count=5, variants={})
+    assert one == other
+    same = ("supply", "later", "period", "origins", "numbers", "jobs")
+    for key in same:
+        assert str(getattr(with_variant, key)) == str(getattr(without, key))
+
+
+class Steps(Assembly):
+    """An assembly of products of different lengths, of which only the numbers of steps are known."""
+
+    steps = 0
+    built = None
+
+    def expand(self, *_: Any) -> Any:
+        raise NotImplementedError
+
+
+@given(st.lists(st.integers(1, 4), min_size=1, max_size=6), st.integers(0, 25))
+@settings(max_examples=40, deadline=None)
+def test_products_are_counted_by_their_steps(lengths: list[int], count: int) -> None:
+    ends = list(accumulate(lengths))
+    product_of = [k for k, n in enumerate(lengths) for _ in range(n)]
+    own = Steps(None, product_ends=ends)  # type: ignore[arg-type]
+    own.__dict__["steps"] = ends[-1]
+    first = set(product_of[:count])
+    assert own.with_whole_products(count) == sum(lengths[k] for k in first) or not count
+    whole = [k for k in first if ends[k] <= count]
+    assert own.whole_products(count) == len(whole)
+    steps = [k for k in range(1, ends[-1] + 1) if k % 3 == count % 3]
+    assert own.count_products(steps) == len({product_of[k - 1] for k in steps})
+    assert bisect_left(ends, ends[-1]) == len(lengths) - 1
+
+
+def test_a_mix_goes_through_both_engines_and_all_proofs(tmp_path: Path) -> None:
+    own = load_scenario(mix(tmp_path, order=["short", "long", "long"], variants=BOTH))
+    kind = assembly_kind(own.assembly)
+    assert kind.variants() == ("short", "long", "long", "short")
+    assert list(kind.product_ends()) == [3, 7, 11, 14]
+    tpg = planned(own, tmp_path)
+    placed = [str(t.object) for t in tpg.tasks if t.kind == "place-down"]
+    assert [name for name in placed if name.startswith("nut")] == ["nut.2", "nut.3"]
+    product = dict(zip(placed, range(len(placed)), strict=True))
+    assert len(product) == 14
+    for task, number in zip(tpg.tasks, tpg.products.tolist(), strict=True):
+        if task.kind == "place-down":
+            assert str(task.object).endswith(f".{number}")
+    run = execute(own, tpg, tmp_path)
+    figures = line_summary(tpg, run, *kind.due())
+    assert figures is not None
+    assert figures["products"] == 4
+    assert scenario_expectations(own).places == ()
+
+
+def test_due_times_are_those_of_each_variant(tmp_path: Path) -> None:
+    due = {"short": (10.0, 5.0), "long": (20.0, 7.0)}
+    variants = {
+        name: {"due": {"first_s": first, "every_s": every}}
+        for name, (first, every) in due.items()
+    }
+    order = ["short", "long", "long"]
+    own = load_scenario(mix(tmp_path, count=5, order=order, variants=variants))
+    assert assembly_kind(own.assembly).due()[0] == (10.0, 20.0, 27.0, 15.0, 34.0)
+
+
+MISTAKES = planted(r"""
+mistake | what is written | in place of | what is said
+a share below 0 | short: -0.7 | short: 0.7 | short: must be at least 0
+no share | "short: 0, long: 0}" | "short: 0.7, long: 0.3}" | no variant has a share above 0
+a share that is no number | short: true | short: 0.7 | variants.short: a mapping
+an unknown key | short: {part: 0.7} | short: 0.7 | unknown key 'part'
+an unknown variant of a step | variants: [lang] | variants: [long] | did you mean 'long'? (valid: short, long)
+no variant of a step | variants: [] | variants: [long] | variants
+an unknown variant in the order | order: [short, lang, long] | leave_s: 1.0 | did you mean 'long'? (valid: short, long)
+a variant that is never made | "order: [long], variants: {short: {}, long: {}}" | "variants: {short: 0.7, long: 0.3}" | order has no short
+a share beside an order | order: [short, long] | leave_s: 1.0 | order says how many there are: leave share out
+an unknown order | order: drwn | leave_s: 1.0 | order
+a variant without steps | "variants: {short: 0.7, long: 0.3, none: 1}, places: {counts: [1, 1], pitch_m: [1, 1]}" | "variants: {short: 0.7, long: 0.3}" | no step is of none
+order without variants | "order: [short]" | "variants: {short: 0.7, long: 0.3}" | order and seed are of variants
+variants of steps alone | start_up: 0 | "variants: {short: 0.7, long: 0.3}" | there are no variants: give products.variants
+too many products | count: 5001 | count: 4 | at most 5000 products of several variants
+a count below 1 | count: -3 | count: 4 | count: must be at least 1
+due of one variant | short: {due: {first_s: 1, every_s: 1}} | short: 0.7 | give due for each of the variants
+a part that other products lack | "hold: nut, place: seal" | "place: seal" | of variant short no step puts nut in its place
+an order that is found | "order: find, steps" | steps | list them in that order
+parts that are alike | "goals: [{xyz_m: [0, 0, 0.08]}]" | "goal: {xyz_m: [0, 0, 0.08]}" | products of several variants have none
+""")
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_named_with_its_place(mistake: str, tmp_path: Path) -> None:
+    new, old, said = MISTAKES[mistake]
+    steps = [
+        {"place": name, "variants": ["long"] if name == "nut" else ["short", "long"]}
+        for name in ("carrier", "nut", "bolt", "seal")
+    ]
+    file = mix(tmp_path, steps=steps)
+    text = yaml.safe_dump(
+        yaml.safe_load(file.read_text()),
+        sort_keys=False,
+        default_flow_style=True,
+        width=100_000,
+    )
+    problem = refusal(tmp_path, text, (old, new)).problems
+    assert any(said in f"{p.message}" for p in problem), [p.message for p in problem]
