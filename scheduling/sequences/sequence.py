@@ -86,9 +86,10 @@ class SequenceNodes:
 
     def __init__(self, sequence: PlanSequence) -> None:
         self._sequence, plans = sequence, sequence.plans
-        cell = plans[0].cell
+        machines = {item.name: item for plan in plans for item in plan.cell.machines}
+        self._cell = replace(plans[0].cell, machines=tuple(machines.values()))
         working = {chain.robot for plan in plans for chain in plan.chains}
-        places = (*cell.robots, *cell.machines)
+        places = (*self._cell.robots, *self._cell.machines)
         self._robots = [place.name for place in places if place.name in working]
         self._order = np.array([s.plan for s in sequence.segments], dtype=np.int64)
         # Chain in the sequence of each chain of each plan.
@@ -131,7 +132,7 @@ class SequenceNodes:
         ]
         pairs.append(self._tasks[waits[:, [0, 2]]] + waits[:, [1, 3]])
         return TemporalPlanGraph(
-            replace(plans[0].cell, objects=tuple(self._objects())),
+            replace(self._cell, objects=tuple(self._objects())),
             tuple(task for m in segments for task in self._tasks_of(m)),
             tuple(chains),
             *NO_EDGES,
@@ -146,7 +147,8 @@ class SequenceNodes:
         """Require that each robot ends every plan but the last where all plans begin with it."""
         plans, followed = self._sequence.plans, set(self._order[:-1].tolist())
         for robot in self._robots:
-            stands = [_begin(plan, robot) for plan in plans]
+            home = self._cell.robot(robot).home
+            stands = [_begin(plan, robot, home) for plan in plans]
             for k in followed:
                 if (own := plans[k].chain_index.get(robot)) is not None:
                     chain = plans[k].chains[own]
@@ -282,10 +284,10 @@ class SequenceNodes:
                     rests[name] = pose
 
 
-def _begin(plan: TemporalPlanGraph, robot: str) -> Array:
-    """Return where a robot begins a plan, shape (n,): its HOME if it has no nodes."""
+def _begin(plan: TemporalPlanGraph, robot: str, home: Array) -> Array:
+    """Return where a robot begins a plan, shape (n,): HOME if it has no nodes."""
     k = plan.chain_index.get(robot)
-    return plan.cell.robot(robot).home if k is None else plan.chains[k].start
+    return home if k is None else plan.chains[k].start
 
 
 def _changes_of_rests(plan: TemporalPlanGraph) -> dict[str, Transform | None]:

@@ -286,7 +286,8 @@ def default_shortcuts(scenario: Scenario) -> int:
     kind = assembly_kind(scenario.assembly)
     if kind.space_time:
         return 0  # its planner has shortened the paths already
-    return max(CANDIDATES_PER_STEP * kind.steps(), FEWEST_CANDIDATES)
+    steps = max(unit.steps() for unit in kind.units())
+    return max(CANDIDATES_PER_STEP * steps, FEWEST_CANDIDATES)
 
 
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:

@@ -57,6 +57,7 @@ class PartKind(AssemblyKind):
     Attributes:
         section: the scenario section.
         whole: whether all products are written out, and not those of a pattern only.
+        unit: the one product that is planned, of several variants; None for all of the line.
     """
 
     section_class = PartsSection
@@ -65,11 +66,12 @@ class PartKind(AssemblyKind):
 
     section: PartsSection
     whole: bool = False
+    unit: Line | None = None
 
     @property
     def line(self) -> Line:
         """The products that are planned."""
-        return write_out_line(self.section, whole=self.whole)
+        return self.unit or write_out_line(self.section, whole=self.whole)
 
     def written_out(self) -> PartKind:
         """Return the same with every product planned by itself."""
@@ -77,6 +79,8 @@ class PartKind(AssemblyKind):
 
     def steps(self) -> int:
         """Return the number of steps, of one product or of all."""
+        if self.unit is not None:
+            return len(self.unit.section.steps)
         ends = self.product_ends()
         return ends[-1] if self.whole or self.variants() else ends[0]
 
@@ -251,12 +255,25 @@ class PartKind(AssemblyKind):
                 found = find_alike_candidates(cell, assembly, find_candidates)
             return part_work(found)
 
+    def units(self) -> tuple[PartKind, ...]:
+        """Return the distinct products in their surroundings where there are several variants."""
+        if self.whole or not self.variants():
+            return (self,)
+        from twin.kinds.parts.units import line_units
+
+        found = line_units(self.section.model_dump_json())
+        return tuple(replace(self, unit=unit) for unit in found.units)
+
     def all_products(self, plans: Sequence[TemporalPlanGraph]) -> TemporalPlanGraph:
-        """Return the plan of all products from that of the first ones."""
+        """Return the plan of all products from those of the units, or from that of the first ones."""
         from scheduling.sequences.copies import copies_in_sequence
         from scheduling.sequences.splice import splice_plans
         from twin.kinds.parts.pattern import line_pattern
+        from twin.kinds.parts.units import line_units
 
+        if self.variants():
+            units = line_units(self.section.model_dump_json())
+            return splice_plans(units.sequence(plans))
         (plan,) = plans
         pattern = line_pattern(self.line, plan.tasks)
         return splice_plans(copies_in_sequence(plan, pattern))
