@@ -82,6 +82,8 @@ class MotionSettings:
     def seconds_of(self, cell: Workcell, task: Task) -> float | None:
         """Return the nominal duration of a skill [s], None to follow its reference path."""
         kind = None if task.object is None else cell.kind_of(task.object)
+        if task.kind == TaskKind.CHANGEOVER:
+            kind = task.object
         found = strongest_exception(self.skill_exceptions, task.kind, task.robot, kind)
         return self.skill_seconds.get(task.kind) if found is None else found
 

@@ -99,6 +99,8 @@ class _Expansion:
                 Handling(part, 1, Handling.GONE, pose) for part, pose in leaving.parts
             )
             build.machine_task(leaving.machine, TaskKind.LEAVE, "leaves", None, gone)
+        for own in supply.changeovers_after.get(number, ()):
+            build.machine_task(own.machine, TaskKind.CHANGEOVER, own.words, own.part)
         changes.allow_mounted(build, before)
         return self._with_depths(build.build())
 

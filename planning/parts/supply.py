@@ -23,6 +23,27 @@ class Leaving:
 
 
 @dataclass(frozen=True)
+class Changeover:
+    """Work without a robot between two products of different variants.
+
+    Attributes:
+        machine: name of the machine or the person that does it.
+        part: first part of the product for which it is done.
+        words: description for people.
+        after: numbers of the steps, from 1, that are complete before it begins.
+        before: numbers of the steps that begin after it.
+        left: whether it also begins after the product before it has left.
+    """
+
+    machine: str
+    part: str
+    words: str
+    after: frozenset[int]
+    before: frozenset[int]
+    left: bool
+
+
+@dataclass(frozen=True)
 class Supply:
     """Arrivals and departures of parts while the steps of an assembly are done, in order.
 
@@ -32,12 +53,22 @@ class Supply:
         elsewhere: numbers of the steps that are not done at the place of a product: a part is put
             down on its way, or worked at there.
         sourced: names of the parts that come from sources.
+        changeovers: between products, in their order.
     """
 
     refills: Mapping[int, Refill] = field(default_factory=dict)
     leaves: Mapping[int, Leaving] = field(default_factory=dict)
     elsewhere: frozenset[int] = frozenset()
     sourced: frozenset[str] = frozenset()
+    changeovers: tuple[Changeover, ...] = ()
+
+    @cached_property
+    def changeovers_after(self) -> dict[int, list[Changeover]]:
+        """Changeovers by the last of the steps after which they begin."""
+        found: dict[int, list[Changeover]] = {}
+        for own in self.changeovers:
+            found.setdefault(max(own.after), []).append(own)
+        return found
 
     @cached_property
     def buffers(self) -> dict[str, tuple[str, int]]:

@@ -23,6 +23,9 @@ _PICKED, _PLACED, _MACHINED, _DONE = "picked", "placed", "machined", "done"
 _PASSED = "passed"
 """Which machine let the least time after a step pass."""
 
+_STEP, _CHANGED = "step", "changed"
+"""What completes a step, and the changeovers that one waits for."""
+
 _USED, _PUT = "used", "put"
 """What was done to a part, and put to it, since it was picked last."""
 
@@ -77,6 +80,13 @@ def _waits_of_supply(
             yield from history.before(task, _BUILT, "")
             history.forget(_BUILT, "")
             history.put(_LEFT, "", task)
+        elif task.kind == TaskKind.CHANGEOVER:
+            for own in supply.changeovers_after[task.step]:
+                if (own.machine, own.part) == (task.robot, task.object):
+                    yield from history.before(task, _STEP, *map(str, own.after))
+                    yield from history.before(task, _LEFT, *[""] * own.left)
+                    for number in own.before:
+                        history.add(_CHANGED, str(number), task)
         elif task.kind == TaskKind.PRESENT:
             history.add(_CAME, task.robot, task)
             for handling in task.handlings:
@@ -110,6 +120,8 @@ def _waits_of_step(
         tasks: of the step.
     """
     begins, ends = _begin_and_end(step, tasks)
+    history.put(_STEP, str(tasks.step), ends)
+    yield from history.before(begins, _CHANGED, str(tasks.step))
     yield from history.before(begins, _DONE, *step.step.after)
     for lag in step.step.lags:
         yield from history.before(begins, _PASSED, str(lag.machine))

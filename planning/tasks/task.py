@@ -44,6 +44,7 @@ class TaskKind:
         PRESENT: after it the next part, or a full tray, is where it is picked.
         LEAVE: after it a finished product is gone.
         LAG: the least time between two steps passes, see ``TimeWindow``.
+        CHANGEOVER: a machine or a place is made ready for products of another variant.
         BROUGHT: after it something is there that was late, or that a person brings or sees to.
         GOES_ON: the remaining work of a machine that was at work when a plan began in the middle.
         SUPPLY: tasks of machines that work at no part.
@@ -70,9 +71,10 @@ class TaskKind:
     PRESENT = "present"
     LEAVE = "leave"
     LAG = "lag"
+    CHANGEOVER = "change-over"
     BROUGHT = "brought"
     GOES_ON = "goes-on"
-    SUPPLY = (ARRIVE, PRESENT, LEAVE, LAG, BROUGHT, GOES_ON)
+    SUPPLY = (ARRIVE, PRESENT, LEAVE, LAG, CHANGEOVER, BROUGHT, GOES_ON)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ LANE_COLOURS: dict[str, str] = {
     TaskKind.PRESENT: "#a5885a",
     TaskKind.BROUGHT: "#b89a3c",
     TaskKind.LEAVE: "#8f6f9c",
+    TaskKind.CHANGEOVER: "#7d6b3d",
     HOLDING: "#b3d3ee",
     WAITING: "#e2e5e9",
     STALLED: "#ce3630",

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.tasks.task import ActuationKey, ExceptionKey, strongest_exception
+from planning.tasks.task import (
+    ActuationKey,
+    ExceptionKey,
+    TaskKind,
+    strongest_exception,
+)
 from planning.transforms import Array, Indices
 from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -55,7 +61,7 @@ class SkillDurations:
         found = strongest_exception(self._exceptions, skill, robot, object_kind)
         return self.models.get(skill) if found is None else found
 
-    @property
+    @cached_property
     def _exceptions(self) -> dict[ExceptionKey, DurationModel]:
         return {
             (item.skill, item.robot, item.object): item.duration
@@ -119,7 +125,9 @@ class SkillDurations:
             parts = np.split(skills, first)[1:]
             for index, own in zip(tasks.tolist(), parts, strict=True):
                 task = tpg.tasks[index]
-                kind = kind_of.get(task.object) if task.object is not None else None
+                kind = kind_of.get(task.object or "")
+                if task.kind == TaskKind.CHANGEOVER:
+                    kind = task.object
                 model = self.model_of(task.kind, task.robot, kind)
                 if model is not None:
                     weights = chain.duration[own]

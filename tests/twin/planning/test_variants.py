@@ -28,6 +28,7 @@ from twin.scenario.sections.scenario import Scenario
 from twin.throughput.throughput import line_summary
 from twin.trial.simulation import execute
 
+TENDING = KITTING.with_name("machine_tending.yaml")
 TRAY = {
     "kind": "tray",
     "pose": {"xyz_m": [-0.35, -0.37, 0.075]},
@@ -40,7 +41,13 @@ STEPS = ["carrier", {"place": "nut", "variants": ["long"]}, "bolt", "seal"]
 BOTH: dict[str, Any] = {"short": {}, "long": {}}
 
 
-def mix(folder: Path, *, steps: list[Any] = STEPS, **products: Any) -> Path:
+def mix(
+    folder: Path,
+    *,
+    steps: list[Any] = STEPS,
+    assembly: dict[str, Any] | None = None,
+    **products: Any,
+) -> Path:
     """Return the file of the kitting line with kits of two variants and bolts from a tray."""
     document = yaml.safe_load(KITTING.read_text())
     document["planning"]["shortcut_candidates"] = 100
@@ -48,6 +55,7 @@ def mix(folder: Path, *, steps: list[Any] = STEPS, **products: Any) -> Path:
     document["assembly"]["steps"] = steps
     own = {"leave_s": 1.0, "variants": {"short": 0.7, "long": 0.3}}
     document["assembly"]["products"] = {"count": 4, **own, **products}
+    document["assembly"] |= assembly or {}
     return written(folder, yaml.safe_dump(document, sort_keys=False))
 
 
@@ -193,6 +201,86 @@ def test_due_times_are_those_of_each_variant(tmp_path: Path) -> None:
     assert assembly_kind(own.assembly).due()[0] == (10.0, 20.0, 27.0, 15.0, 34.0)
 
 
+PRESS = {
+    "machines": {"press": {}},
+    "processes": {
+        "pressing": {"duration": {"kind": "fixed", "value_s": 2.0}, "machine": "press"}
+    },
+    "changeovers": [
+        {"machine": "press", "durations": {"short": {"long": 20.0}}},
+        {"by": "fitter", "duration": {"kind": "uniform", "low_s": 5.0, "high_s": 6.0}},
+    ],
+}
+"""A press that is changed over from short kits to long ones, and a person who changes the nest over."""
+
+
+def test_changeovers_take_place_between_variants(tmp_path: Path) -> None:
+    press = {"process": "pressing", "at": {"part": "bolt"}}
+    about: dict[str, Any] = {"order": ["short", "long"], "variants": BOTH}
+    file = mix(tmp_path, steps=[*STEPS[:3], press, STEPS[3]], assembly=PRESS, **about)
+    own = load_scenario(file)
+    tpg = planned(own, tmp_path)
+    run = execute(own, tpg, tmp_path)
+    span: dict[int, tuple[float, float]] = {}
+    for chain, begins, ends in zip(tpg.chains, run.start_ns, run.end_ns, strict=True):
+        for node, task in enumerate(chain.task.tolist()):
+            begin = span.get(task, (begins[node] / 1e9, 0))[0]
+            span[task] = begin, ends[node] / 1e9
+    named = [
+        (t.kind, t.robot, t.object, span[t.index]) for t in tpg.tasks if t.index in span
+    ]
+    changes = {
+        (who, item): own for kind, who, item, own in named if kind == "change-over"
+    }
+    # The press from the first to the second and from the third to the fourth, the nest between all.
+    assert sorted(changes) == [
+        ("fitter", "carrier.2"),
+        ("fitter", "carrier.3"),
+        ("fitter", "carrier.4"),
+        ("press", "carrier.2"),
+        ("press", "carrier.4"),
+    ]
+    places = {item: own for kind, _, item, own in named if kind == "place-down"}
+    works = [own for kind, _, _, own in named if kind == "pressing"]
+    gone = [own[1] for kind, _, _, own in named if kind == "leave"]
+    for (who, item), (begin, end) in changes.items():
+        number = int(str(item).split(".")[1])
+        if who == "fitter":
+            assert gone[number - 2] <= begin
+            assert 5.0 <= end - begin <= 6.0
+            assert end <= min(
+                t for name, (_, t) in places.items() if str(name).endswith(f".{number}")
+            )
+        else:
+            assert works[number - 2][1] <= begin
+            assert end - begin == pytest.approx(20.0)
+            assert end <= works[number - 1][0]
+
+
+def test_a_machine_is_changed_over_while_no_part_is_in_it() -> None:
+    document = yaml.safe_load(TENDING.read_text())
+    parts = document["assembly"]
+    for step in parts["steps"][2:4]:
+        step["variants"] = ["clean"]
+    parts["changeovers"] = [{"machine": m, "duration": 9.0} for m in ("mill", "washer")]
+    order = ["clean", "clean", "rough", "clean", "rough"]
+    parts["products"] |= {
+        "count": 5,
+        "variants": {"clean": {}, "rough": {}},
+        "order": order,
+    }
+    line = write_out_line(PartsSection.model_validate_json(json.dumps(parts)))
+    found = line.supply.changeovers
+    # Steps of clean ones are 1 to 5, 6 to 10 and 14 to 18, of rough ones 11 to 13 and 19 to 21. The mill is free
+    # once the blank is put elsewhere. Both before and after the rough one the washer does the same.
+    assert [(c.machine, c.part, sorted(c.after), sorted(c.before)) for c in found] == [
+        ("mill", "blank.3", [8], [11]),
+        ("mill", "blank.4", [13], [14]),
+        ("mill", "blank.5", [16], [19]),
+    ]
+    assert line.machines().count("mill") == 1
+
+
 MISTAKES = planted(r"""
 mistake | what is written | in place of | what is said
 a share below 0 | short: -0.7 | short: 0.7 | short: must be at least 0
@@ -205,7 +293,7 @@ an unknown variant in the order | order: [short, lang, long] | leave_s: 1.0 | di
 a variant that is never made | "order: [long], variants: {short: {}, long: {}}" | "variants: {short: 0.7, long: 0.3}" | order has no short
 a share beside an order | order: [short, long] | leave_s: 1.0 | order says how many there are: leave share out
 an unknown order | order: drwn | leave_s: 1.0 | order
-a variant without steps | "variants: {short: 0.7, long: 0.3, none: 1}, places: {counts: [1, 1], pitch_m: [1, 1]}" | "variants: {short: 0.7, long: 0.3}" | no step is of none
+a variant without steps | "variants: {short: 0.7, long: 0.3, none: 1}, places: {counts: [1, 1], pitch_m: [1, 1]}" | "variants: {short: 0.7, long: 0.3}" | no step of none puts a part in its place
 order without variants | "order: [short]" | "variants: {short: 0.7, long: 0.3}" | order and seed are of variants
 variants of steps alone | start_up: 0 | "variants: {short: 0.7, long: 0.3}" | there are no variants: give products.variants
 too many products | count: 5001 | count: 4 | at most 5000 products of several variants
@@ -213,6 +301,13 @@ a count below 1 | count: -3 | count: 4 | count: must be at least 1
 due of one variant | short: {due: {first_s: 1, every_s: 1}} | short: 0.7 | give due for each of the variants
 a part that other products lack | "hold: nut, place: seal" | "place: seal" | of variant short no step puts nut in its place
 an order that is found | "order: find, steps" | steps | list them in that order
+a changeover without a time | "changeovers: [{by: fitter}], steps" | steps | Give duration or durations
+a changeover of no machine | "changeovers: [{machine: mill, duration: 3}], steps" | steps | there are no machines: leave machine out
+a changeover of an unknown variant | "changeovers: [{durations: {short: {lang: 3}}}], steps" | steps | did you mean 'long'? (valid: short, long)
+a changeover twice | "changeovers: [{by: ann, duration: 3}, {by: bob, duration: 3}], steps" | steps | changeovers.0 is of the whole cell already
+a changeover that robots make | "changeovers: [{robots: [left], duration: 3}], steps" | steps | unknown key 'robots'
+a changeover by a robot | "changeovers: [{by: left, duration: 3}], steps" | steps | the name 'left' is that of a robot
+a changeover that takes no time | "changeovers: [{duration: 0}], steps" | steps | duration
 parts that are alike | "goals: [{xyz_m: [0, 0, 0.08]}]" | "goal: {xyz_m: [0, 0, 0.08]}" | products of several variants have none
 """)
 

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from planning.parts.work import PartWork
     from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
     from scheduling.planned_motions import PlannedMotions
+    from twin.kinds.parts.units import LineUnits
 
 
 _GREY_BLUE = (196, 214, 226)
@@ -257,22 +258,25 @@ class PartKind(AssemblyKind):
 
     def units(self) -> tuple[PartKind, ...]:
         """Return the distinct products in their surroundings where there are several variants."""
-        if self.whole or not self.variants():
+        if (found := self._line_units()) is None:
             return (self,)
+        return tuple(replace(self, unit=unit) for unit in found.units)
+
+    def _line_units(self) -> LineUnits | None:
+        """Return the units of products of several variants, None where the first products are planned together."""
         from twin.kinds.parts.units import line_units
 
-        found = line_units(self.section.model_dump_json())
-        return tuple(replace(self, unit=unit) for unit in found.units)
+        if self.whole or not self.variants() or self.section.changeovers:
+            return None
+        return line_units(self.section.model_dump_json())
 
     def all_products(self, plans: Sequence[TemporalPlanGraph]) -> TemporalPlanGraph:
         """Return the plan of all products from those of the units, or from that of the first ones."""
         from scheduling.sequences.copies import copies_in_sequence
         from scheduling.sequences.splice import splice_plans
         from twin.kinds.parts.pattern import line_pattern
-        from twin.kinds.parts.units import line_units
 
-        if self.variants():
-            units = line_units(self.section.model_dump_json())
+        if (units := self._line_units()) is not None:
             return splice_plans(units.sequence(plans))
         (plan,) = plans
         pattern = line_pattern(self.line, plan.tasks)

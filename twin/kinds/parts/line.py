@@ -20,6 +20,7 @@ from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
 from twin.kinds.parts.between import FitSection
+from twin.kinds.parts.changeovers import find_changeovers
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
 from twin.kinds.parts.sources import (
     ConveyorSection,
@@ -102,6 +103,7 @@ class Line:
             from 0.
         numbers: part and product by name of a numbered part.
         jobs: jobs of steps without robots, by step number from 1.
+        changeover_times: durations of the changeovers.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
     """
 
@@ -113,6 +115,7 @@ class Line:
     origins: tuple[tuple[int, int], ...] = ()
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
+    changeover_times: tuple[SkillOverride, ...] = ()
     alike: tuple[AlikeParts, ...] = ()
 
     @cached_property
@@ -140,6 +143,7 @@ class Line:
         names = [item.arrivals for item in refills] + [item.machine for item in refills]
         names += [item.machine for item in self.supply.leaves.values()]
         names += [item.machine for item in self.jobs.values()]
+        names += [item.machine for item in self.supply.changeovers]
         names += [lag.machine for own in self.lags.values() for lag in own]
         return tuple(dict.fromkeys(name for name in names if name is not None))
 
@@ -181,14 +185,16 @@ def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
             found.append(("present", name, source.refill_time))
     if section.products is not None:
         found.append(("leave", OUTFEED, section.products.leave_time))
-    for own in write_out_line(section).lags.values():
+    line = write_out_line(section, whole=bool(section.changeovers))
+    for own in line.lags.values():
         for lag in own:
             if lag.machine is not None:
                 found.append((TaskKind.LAG, lag.machine, Fixed(value_s=lag.least)))
-    return tuple(
+    overrides = (
         SkillOverride(skill=skill, robot=machine, duration=duration)
         for skill, machine, duration in found
     )
+    return (*overrides, *line.changeover_times)
 
 
 def feeding_machine(name: str, source: SourceSection) -> str:
@@ -295,6 +301,8 @@ class _Writer:
             for job in jobs.values():
                 if job.door is not None and job.part is not None:
                     numbers[job.door] = job.part, job.product
+        about = self.section, self.own, self.sequence, self.ends
+        changeovers = list(find_changeovers(*about))
         return Line(
             section,
             Supply(
@@ -302,6 +310,7 @@ class _Writer:
                 dict(self._leaves()),
                 _elsewhere(steps),
                 frozenset(sourced),
+                tuple(item for item, _ in changeovers),
             ),
             frozenset(later),
             self.products,
@@ -309,6 +318,15 @@ class _Writer:
             self.origins,
             numbers,
             jobs,
+            tuple(
+                SkillOverride(
+                    skill=TaskKind.CHANGEOVER,
+                    robot=item.machine,
+                    object=item.part,
+                    duration=duration,
+                )
+                for item, duration in changeovers
+            ),
         )
 
     def _period(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import chain
 
 import networkx as nx
@@ -12,6 +12,7 @@ from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import find_alike_problems
 from twin.kinds.parts.line import OUTFEED, Line, feeding_machine
 from twin.kinds.parts.section import PartsSection, StepSection
+from twin.kinds.parts.sources import VariantSection
 from twin.kinds.statics import check_distinct_ends
 from twin.scenario.sections.cell import CellSection
 
@@ -236,6 +237,7 @@ def _check_variants(section: PartsSection) -> Problems:
         for i, name in enumerate(step.variants or ()):
             own = ("assembly", "steps", k, "variants", i)
             yield from check_known_name(own, "variant", name, variants, none)
+    yield from _check_changeovers(section, variants)
     if products is None or not variants:
         return
     if products.count + products.spare > _MOST_OF_VARIANTS:
@@ -251,8 +253,8 @@ def _check_variants(section: PartsSection) -> Problems:
         if order and variant.share is not None:
             words = "order says how many there are: leave share out"
             yield (*at, "variants", name, "share"), words
-        if not section.steps_of(name):
-            words = f"no step is of {name}: let a step name it in variants"
+        if not section.of_variant(name).placed:
+            words = f"no step of {name} puts a part in its place: let one name it in variants"
             yield (*at, "variants", name), words
     for i, part in enumerate(section.parts):
         if part.several:
@@ -267,11 +269,37 @@ def _check_variants(section: PartsSection) -> Problems:
                 for s in section.steps
                 if s.place == thing and not s.at
             ]
-            own = {*(step.variants or variants)} & variants.keys()
-            lacking = sorted(own - {*chain(*puts)})
+            has = {*(step.variants or variants)} & variants.keys()
+            lacking = sorted(has - {*chain(*puts)})
             if lacking:
                 words = f"of variant {lacking[0]} no step puts {thing} in its place, which this step needs"
                 yield ("assembly", "steps", k), f"{words}: give this step variants"
+
+
+def _check_changeovers(
+    section: PartsSection, variants: Mapping[str, VariantSection]
+) -> Problems:
+    """Yield changeovers of unknown machines and variants, and second ones of a machine."""
+    changed: dict[str | None, int] = {}
+    none = "there are no variants: give products.variants"
+    for i, item in enumerate(section.changeovers):
+        at: KeyPath = ("assembly", "changeovers", i)
+        known = "there are no machines: leave machine out"
+        yield from check_known_name(
+            (*at, "machine"), "machine", item.machine, section.machines, known
+        )
+        if item.duration is not None and not variants:
+            yield at, none
+        for before, times in item.durations.items():
+            own = (*at, "durations", before)
+            yield from check_known_name(own, "variant", before, variants, none)
+            for name in times:
+                yield from check_known_name(
+                    (*own, name), "variant", name, variants, none
+                )
+        if (first := changed.setdefault(item.machine, i)) != i:
+            words = f"changeovers.{first} is of {item.machine or 'the whole cell'} already: say it there"
+            yield at, words
 
 
 def machine_names(section: PartsSection) -> Problems:
@@ -289,6 +317,9 @@ def machine_names(section: PartsSection) -> Problems:
         for lag in own:
             if lag.machine is not None:
                 yield ("assembly", "steps", number - 1, "after"), lag.machine
+    for i, item in enumerate(section.changeovers):
+        if item.chain != item.machine:
+            yield ("assembly", "changeovers", i), item.chain
     if section.products is not None:
         yield ("assembly", "products"), OUTFEED
 

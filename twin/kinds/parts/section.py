@@ -8,7 +8,9 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from planning.bounds import DENSEST_KG_M3
 from twin.document.section import Name, Section, Several, with_tuples
+from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
+from twin.durations.model import PositiveSeconds
 from twin.kinds.parts.between import AfterSection, FitSection
 from twin.kinds.parts.sources import Amount, Places, ProductsSection, SourceSection
 from twin.kinds.statics import BalanceSection, JoinedParts
@@ -50,6 +52,45 @@ class MachineSection(Section):
 
     door: DoorSection | None = None
     fixtures: tuple[Name, ...] = ()
+
+
+ChangeoverTime = AnyDuration | PositiveSeconds
+"""A distribution, or a number of seconds."""
+
+
+class ChangeoverSection(Section):
+    """Work between two products of different variants.
+
+    Attributes:
+        machine: that is changed over, from when the last part is taken out of it until the next is put in; the whole
+            cell when not given, from when the product has left until the next is begun.
+        by: name of who does it; the machine itself when not given.
+        duration: how long it takes between any two variants: a number [s] or a distribution.
+        durations: in place of it, by the variant before and the variant after; pairs that are not there need none.
+    """
+
+    machine: Name | None = None
+    by: Name | None = None
+    duration: ChangeoverTime | None = None
+    durations: dict[Name, dict[Name, ChangeoverTime]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _takes_time(self) -> ChangeoverSection:
+        if (self.duration is None) == (not any(self.durations.values())):
+            raise ValueError("how long does it take? Give duration or durations")
+        return self
+
+    @property
+    def chain(self) -> str:
+        """Name of the machine or person that does it."""
+        return self.by or self.machine or "changeover"
+
+    def between(self, before: str, after: str) -> AnyDuration | None:
+        """Return how long it takes between two variants, None where it is not needed."""
+        found = self.durations.get(before, {}).get(after)
+        if self.duration is not None and before != after:
+            found = self.duration
+        return Fixed(value_s=found) if isinstance(found, float) else found
 
 
 def _real_direction(value: tuple[float, ...]) -> tuple[float, ...]:
@@ -357,6 +398,7 @@ class PartsSection(AssemblySection):
         products: how many products are made, one after another; one when not given.
         processes: what robots do besides placing parts, and what machines do, by name.
         machines: what works at parts without a robot, by name.
+        changeovers: what has to be done between products of different variants.
         steps: names of parts that are put in place, and steps in full; where the order is found,
             all parts with a goal when not given.
         order: ``listed`` does the steps in their order, ``find`` in one that is found.
@@ -379,6 +421,7 @@ class PartsSection(AssemblySection):
     products: ProductsSection | None = None
     processes: dict[Name, ProcessSection] = Field(default_factory=dict)
     machines: dict[Name, MachineSection] = Field(default_factory=dict)
+    changeovers: tuple[ChangeoverSection, ...] = ()
     steps: Several[Step] = ()
     order: Literal["listed", "find"] = "listed"
     approach_m: Distance = 0.06
