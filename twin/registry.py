@@ -169,6 +169,7 @@ COMMANDS = Group(
         "compare": "twin.studies.compare_command:compare",
         "study": "twin.studies.commands:study",
         "explore": "twin.explorations.commands:explore",
+        "view": "twin.view.commands:view",
         "replay": "twin.rerun.commands:replay",
         "fit": "twin.fit.commands:fit",
         "resume": "twin.commands.run:resume",

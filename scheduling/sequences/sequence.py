@@ -269,7 +269,7 @@ class SequenceNodes:
             handled = {names.get(h.object, h.object) for h in plan.handlings}
             if m == 0:
                 rests = dict(begin)
-            else:
+            elif len(plan.machine_chains()) < len(plan.chains):
                 _require_rests(rests, begin, handled, m)
             for name, item in items.items():
                 if name not in known and (

@@ -98,6 +98,13 @@ def _plans_once(planned_once: PlannedOnce, monkeypatch: pytest.MonkeyPatch) -> N
     planned_once.take_over(monkeypatch)
 
 
+@pytest.fixture(autouse=True)
+def _nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Open no browser, and end pages at once."""
+    monkeypatch.setattr("webbrowser.open", lambda _: True)
+    monkeypatch.setattr("twin.view.commands.wait_for_interrupt", lambda: None)
+
+
 def arguments(line: str, logs: Path | None) -> list[str]:
     """Return the arguments of a command, which writes into a folder if that is given."""
     program, *out = shlex.split(line)

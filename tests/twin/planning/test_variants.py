@@ -14,8 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.tasks.assembly import Assembly
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.assembly_section import assembly_section
 from tests.planted import planted
+from tests.twin.operations.operated import operated, require_safe
 from tests.twin.planning.test_lines import KITTING, planned
 from tests.twin.written import refusal, written
 from twin.audits.expectations import scenario_expectations
@@ -23,9 +25,12 @@ from twin.kinds.parts.line import write_out_line
 from twin.kinds.parts.section import PartsSection
 from twin.kinds.parts.variants import repeated_sequence, sequence_by_shares
 from twin.reading.scenario_file import load_scenario
+from twin.runs.execution_record import ExecutionRecord
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.throughput.throughput import line_summary
+from twin.trial.loaded_scenario import load
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
 
 TENDING = KITTING.with_name("machine_tending.yaml")
@@ -144,6 +149,30 @@ def test_one_variant_is_written_out_as_a_line_without_variants(tmp_path: Path) -
         assert str(getattr(with_variant, key)) == str(getattr(without, key))
 
 
+def test_what_refers_to_steps_of_other_variants_does_not_count(tmp_path: Path) -> None:
+    steps = [
+        "carrier",
+        {"place": "nut", "variants": ["long"]},
+        {"place": "bolt", "after": ["nut", "carrier"], "until": "seal"},
+        {"place": "seal", "variants": ["long"]},
+    ]
+    pairs = {
+        "joined": [["carrier", "nut"], {"parts": ["carrier", "bolt"], "by": "seal"}],
+        "fits": [{"parts": ["nut", "bolt"], "press_m": 0.001}],
+    }
+    own = section_of(load_scenario(mix(tmp_path, steps=steps, assembly=pairs)))
+    short, long = own.of_variant("short"), own.of_variant("long")
+    assert [[x.step for x in step.follows] for step in short.steps] == [[], ["carrier"]]
+    assert short.steps[1].until is None
+    assert short.joined == short.fits == ()
+    assert [[x.step for x in step.follows] for step in long.steps][2] == [
+        "nut",
+        "carrier",
+    ]
+    assert long.steps[2].until == "seal"
+    assert (len(long.joined), len(long.fits)) == (2, 1)
+
+
 class Steps(Assembly):
     """An assembly of products of different lengths, of which only the numbers of steps are known."""
 
@@ -170,26 +199,6 @@ def test_products_are_counted_by_their_steps(lengths: list[int], count: int) -> 
     assert bisect_left(ends, ends[-1]) == len(lengths) - 1
 
 
-def test_a_mix_goes_through_both_engines_and_all_proofs(tmp_path: Path) -> None:
-    own = load_scenario(mix(tmp_path, order=["short", "long", "long"], variants=BOTH))
-    kind = assembly_kind(own.assembly)
-    assert kind.variants() == ("short", "long", "long", "short")
-    assert list(kind.product_ends()) == [3, 7, 11, 14]
-    tpg = planned(own, tmp_path)
-    placed = [str(t.object) for t in tpg.tasks if t.kind == "place-down"]
-    assert [name for name in placed if name.startswith("nut")] == ["nut.2", "nut.3"]
-    product = dict(zip(placed, range(len(placed)), strict=True))
-    assert len(product) == 14
-    for task, number in zip(tpg.tasks, tpg.products.tolist(), strict=True):
-        if task.kind == "place-down":
-            assert str(task.object).endswith(f".{number}")
-    run = execute(own, tpg, tmp_path)
-    figures = line_summary(tpg, run, *kind.due())
-    assert figures is not None
-    assert figures["products"] == 4
-    assert scenario_expectations(own).places == ()
-
-
 def test_due_times_are_those_of_each_variant(tmp_path: Path) -> None:
     due = {"short": (10.0, 5.0), "long": (20.0, 7.0)}
     variants = {
@@ -214,13 +223,43 @@ PRESS = {
 """A press that is changed over from short kits to long ones, and a person who changes the nest over."""
 
 
-def test_changeovers_take_place_between_variants(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def made(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Scenario, TemporalPlanGraph, ExecutionRecord]:
+    """Return four kits of both variants in turn, their plan, proved as a whole, and a run."""
+    folder = tmp_path_factory.mktemp("mix")
     press = {"process": "pressing", "at": {"part": "bolt"}}
     about: dict[str, Any] = {"order": ["short", "long"], "variants": BOTH}
-    file = mix(tmp_path, steps=[*STEPS[:3], press, STEPS[3]], assembly=PRESS, **about)
+    file = mix(folder, steps=[*STEPS[:3], press, STEPS[3]], assembly=PRESS, **about)
     own = load_scenario(file)
-    tpg = planned(own, tmp_path)
-    run = execute(own, tpg, tmp_path)
+    tpg = planned(own, folder)
+    return own, tpg, execute(own, tpg, folder)
+
+
+def test_a_mix_goes_through_both_engines_and_all_proofs(
+    made: tuple[Scenario, TemporalPlanGraph, ExecutionRecord],
+) -> None:
+    own, tpg, run = made
+    kind = assembly_kind(own.assembly)
+    assert kind.variants() == ("short", "long") * 2
+    assert list(kind.product_ends()) == [4, 9, 13, 18]
+    placed = [str(t.object) for t in tpg.tasks if t.kind == "place-down"]
+    assert [name for name in placed if name.startswith("nut")] == ["nut.2", "nut.4"]
+    assert len(set(placed)) == len(placed) == 14
+    for task, number in zip(tpg.tasks, tpg.products.tolist(), strict=True):
+        if task.kind == "place-down":
+            assert str(task.object).endswith(f".{number}")
+    figures = line_summary(tpg, run, *kind.due())
+    assert figures is not None
+    assert figures["products"] == 4
+    assert scenario_expectations(own).places == ()
+
+
+def test_changeovers_take_place_between_variants(
+    made: tuple[Scenario, TemporalPlanGraph, ExecutionRecord],
+) -> None:
+    _, tpg, run = made
     span: dict[int, tuple[float, float]] = {}
     for chain, begins, ends in zip(tpg.chains, run.start_ns, run.end_ns, strict=True):
         for node, task in enumerate(chain.task.tolist()):
@@ -301,6 +340,12 @@ a count below 1 | count: -3 | count: 4 | count: must be at least 1
 due of one variant | short: {due: {first_s: 1, every_s: 1}} | short: 0.7 | give due for each of the variants
 a part that other products lack | "hold: nut, place: seal" | "place: seal" | of variant short no step puts nut in its place
 an order that is found | "order: find, steps" | steps | list them in that order
+the best of none | "order: best, count: 4, variants: {short: 1, long: 0.01}" | "count: 4, leave_s: 1.0, variants: {short: 0.7, long: 0.3}" | of 4 products none is of long by its share
+lateness without cycle times | "order: best, objective: lateness, due: {first_s: 9, every_s: 9}" | leave_s: 1.0 | give short cycle_s
+lateness without due times | "variants: {short: {cycle_s: 3}, long: {cycle_s: 3}}, order: best, objective: lateness" | "variants: {short: 0.7, long: 0.3}" | nothing can be late: give due
+an objective of no search | objective: lateness | leave_s: 1.0 | objective is of order: best
+too much to be compared | "order: best, count: 5000" | "count: 4" | order: best compares more than
+a changeover from a file | "changeovers: [{duration: {kind: empirical, csv: none.csv}}], products: {order: best, " | "products: {" | order: best needs durations of changeovers without files
 a changeover without a time | "changeovers: [{by: fitter}], steps" | steps | Give duration or durations
 a changeover of no machine | "changeovers: [{machine: mill, duration: 3}], steps" | steps | there are no machines: leave machine out
 a changeover of an unknown variant | "changeovers: [{durations: {short: {lang: 3}}}], steps" | steps | did you mean 'long'? (valid: short, long)
@@ -328,3 +373,27 @@ def test_a_mistake_is_named_with_its_place(mistake: str, tmp_path: Path) -> None
     )
     problem = refusal(tmp_path, text, (old, new)).problems
     assert any(said in f"{p.message}" for p in problem), [p.message for p in problem]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", range(4))
+def test_a_mix_is_operated(seed: int, tmp_path: Path) -> None:
+    press = {"process": "pressing", "at": {"part": "bolt"}}
+    about: dict[str, Any] = {"count": 5, "spare": 3, "variants": BOTH, "seed": seed}
+    file = mix(tmp_path, steps=[*STEPS[:3], press, STEPS[3]], assembly=PRESS, **about)
+    losses = {"failures.pick": {"probability": 0.15, "loses": 0.8}}
+    window = {"window": {"steps": 4, "least": 2}} if seed % 2 else {}
+    some = load(file).varied({**losses, **window})
+    done, _ = operated(plan_scenario(some, keep=True), seed)
+    require_safe(done.tpg)
+    kind = assembly_kind(some.sections.assembly).written_out()
+    ends = [0, *kind.product_ends()]
+    placed = Counter(t.step for t in done.tpg.tasks if t.kind == "place-down")
+    whole = {
+        k
+        for k in range(1, len(ends))
+        if not done.given_up.keys() & {*range(ends[k - 1] + 1, ends[k] + 1)}
+        and any(placed[n] for n in range(ends[k - 1] + 1, ends[k] + 1))
+    }
+    assert len(whole) == 5 or done.record.outcome != "completed"
+    assert {*done.tpg.products.tolist()} - {0} == whole

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from planning.errors import ScenarioError
 from planning.parts.supply import Changeover
 from scheduling.sequences.copies import product_part_name
 from twin.durations.composed import AnyDuration
@@ -47,6 +48,30 @@ def find_changeovers(
                     time,
                 )
             last = product
+
+
+def changeover_seconds(section: PartsSection) -> tuple[tuple[float, ...], ...]:
+    """Return the longest mean duration of the changeovers from each variant to each other, by rows [s].
+
+    Raises:
+        ValueError: a duration is not known.
+    """
+    names = section.products.variants if section.products else {}
+    own = {name: section.of_variant(name) for name in names}
+
+    def longest(before: str, after: str) -> float:
+        means = [0.0]
+        for item in section.changeovers:
+            time, both = item.between(before, after), (own[before], own[after])
+            if time is not None and all(_uses(k, item.machine)[0] for k in both):
+                means.append(time.mean)
+        return max(means)
+
+    try:
+        return tuple(tuple(longest(a, b) for b in names) for a in names)
+    except ScenarioError as error:
+        words = f"order: best needs durations of changeovers without files: {error}"
+        raise ValueError(words) from None
 
 
 def _uses(own: PartsSection, machine: str | None) -> tuple[list[int], list[int]]:

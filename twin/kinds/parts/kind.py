@@ -266,7 +266,7 @@ class PartKind(AssemblyKind):
         """Return the units of products of several variants, None where the first products are planned together."""
         from twin.kinds.parts.units import line_units
 
-        if self.whole or not self.variants() or self.section.changeovers:
+        if self.whole or not self.variants():
             return None
         return line_units(self.section.model_dump_json())
 

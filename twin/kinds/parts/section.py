@@ -453,6 +453,15 @@ class PartsSection(AssemblySection):
         object.__setattr__(self, "steps", found)
         return self
 
+    @model_validator(mode="after")
+    def _with_best_order(self) -> PartsSection:
+        from twin.kinds.parts.changeovers import changeover_seconds
+
+        if self.products is not None and self.products.order == "best":
+            self.products.set_changes(changeover_seconds(self))
+            self.products.sequence(1)  # ValueError: too much to be compared
+        return self
+
     @property
     def placed(self) -> tuple[str, ...]:
         """Names of the parts that are put in place, in the order of the steps."""

@@ -6,13 +6,19 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from planning.transforms import Transform, read_only_copy, translation
 from twin.document.section import Name, PairOf, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
+from twin.kinds.parts.best_sequence import (
+    Objective,
+    SequenceModel,
+    best_sequence,
+    counts_by_shares,
+)
 from twin.kinds.parts.variants import repeated_sequence, sequence_by_shares
 from twin.scenario.sections.shapes import PoseSection
 
@@ -189,6 +195,10 @@ class DueSection(Section):
     first_s: Seconds
     every_s: Seconds
 
+    def first(self, count: int) -> tuple[float, ...]:
+        """Return when each of a number of first products is due [s]."""
+        return tuple(self.first_s + k * self.every_s for k in range(count))
+
 
 class VariantSection(Section):
     """A variant of the products: it has the steps that name it in ``variants``, and those that name none.
@@ -196,10 +206,12 @@ class VariantSection(Section):
     Attributes:
         share: how many of the products are of it, in proportion to the shares of the other variants; 1 when not
             given.
+        cycle_s: time from one of its products to the next, where ``order: best`` looks at lateness.
         due: when its products are due, in place of ``due`` of all.
     """
 
     share: Annotated[float, Field(ge=0, le=1e6)] | None = None
+    cycle_s: PositiveSeconds | None = None
     due: DueSection | None = None
 
 
@@ -222,7 +234,8 @@ class ProductsSection(Section):
         count: number of products.
         variants: kinds of products, by name; with a number its share. All are equal when not given.
         order: in which order variants are made: ``drawn`` draws each product by the shares; names of variants are
-            repeated until there are enough products.
+            repeated until there are enough products; ``best`` looks for the sequence in which ``objective`` is least.
+        objective: ``makespan``, the number of ``changeovers``, or the sum of ``lateness``.
         seed: of these draws.
         places: a pallet: product by product stands in the next of its places, moved from
             ``goal`` along the axes of the world; the pallet leaves when it is full. Every product
@@ -239,7 +252,8 @@ class ProductsSection(Section):
     count: Annotated[int, Field(ge=1, le=100_000)]
     spare: Annotated[int, Field(ge=0, le=100_000)] = 0
     variants: dict[Name, Variant] = Field(default_factory=dict)
-    order: Literal["drawn"] | Several[Name] = "drawn"
+    order: Literal["drawn", "best"] | Several[Name] = "drawn"
+    objective: Objective = "makespan"
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     places: GridSection | None = None
     leave_s: Seconds = 0.0
@@ -248,6 +262,8 @@ class ProductsSection(Section):
     start_up: Annotated[int, Field(ge=0, le=100_000)] | None = None
 
     not_both = (("leave_s", "leave"),)
+
+    _changes: tuple[tuple[float, ...], ...] = PrivateAttr(default=())
 
     @model_validator(mode="after")
     def _fits_together(self) -> ProductsSection:
@@ -264,9 +280,28 @@ class ProductsSection(Section):
             raise ValueError("order and seed are of variants: give variants")
         if own and not any(self.shares.values()):
             raise ValueError("no variant has a share above 0: give one of them a share")
+        if own and self.order == "best":
+            self._check_best()
+        elif self.objective != "makespan":
+            raise ValueError("objective is of order: best")
         if len({self.due is None and one.due is None for one in own}) > 1:
             raise ValueError("give due for each of the variants, for all, or for none")
         return self
+
+    def _check_best(self) -> None:
+        counts = counts_by_shares(self.shares, self.count)
+        for name, count in zip(self.variants, counts, strict=True):
+            if not count:
+                words = f"of {self.count} products none is of {name} by its share"
+                raise ValueError(f"{words}: give it a larger one, or leave it out")
+            if self.objective == "lateness" and self.variants[name].cycle_s is None:
+                raise ValueError(f"lateness needs cycle times: give {name} cycle_s")
+        if self.objective == "lateness" and not (self.due or self.variants[name].due):
+            raise ValueError("nothing can be late: give due")
+
+    def set_changes(self, changes: tuple[tuple[float, ...], ...]) -> None:
+        """Set the changeover times from each variant to each other, by rows [s], while the assembly is made."""
+        self._changes = changes
 
     @property
     def shares(self) -> dict[str, float]:
@@ -280,7 +315,27 @@ class ProductsSection(Section):
             return ()
         if self.order == "drawn":
             return sequence_by_shares(self.shares, count, self.seed)
-        return repeated_sequence(self.order, count)
+        order = self._best_order() if self.order == "best" else self.order
+        return repeated_sequence(order, count)
+
+    def _best_order(self) -> tuple[str, ...]:
+        counts = counts_by_shares(self.shares, self.count)
+        own, late = self.variants.values(), self.objective == "lateness"
+        model = SequenceModel(
+            counts,
+            tuple(item.cycle_s or 0.0 for item in own),
+            self._changes or ((0.0,) * len(counts),) * len(counts),
+            tuple(
+                item.due.first(count)
+                for item, count in zip(own, counts, strict=True)
+                if item.due and late
+            ),
+            self.due.first(self.count)
+            if isinstance(self.due, DueSection)
+            else self.due or (),
+        )
+        names = list(self.variants)
+        return tuple(names[k] for k in best_sequence(model, self.objective))
 
     @property
     def leave_time(self) -> AnyDuration:

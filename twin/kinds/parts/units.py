@@ -6,15 +6,18 @@ whatever else is at rest meanwhile: parts of other products, which it knows by t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from planning.parts.supply import Leaving, Supply
+from planning.cell.machine import machine_robot
+from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.parts.supply import Changeover, Leaving, Supply
 from planning.tasks.refill import PlacedPart
-from planning.tasks.task import Task, TaskKind, is_product_task
+from planning.tasks.task import STILL, Task, TaskKind, is_product_task
+from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.sequences.copies import product_part_name
 from scheduling.sequences.sequence import PlanSequence, SequencedPlan
@@ -24,6 +27,10 @@ from twin.kinds.parts.sources import ProductsSection
 
 _OTHER = "of-other-products"
 """Name of parts of other products in a unit; a number is added."""
+
+
+_Place = tuple[int, int]
+"""A plan of the sequence, and a task of it."""
 
 
 @dataclass(frozen=True)
@@ -43,61 +50,116 @@ class LineUnits:
     names: tuple[Mapping[str, str], ...]
 
     def sequence(self, plans: Sequence[TemporalPlanGraph]) -> PlanSequence:
-        """Return the plans of all products from those of the units."""
-        planned = [
-            SequencedPlan(
-                unit,
-                names,
-                np.array(
-                    [self._product(task, names, product) for task in plans[unit].tasks]
-                ),
-            )
-            for product, (unit, names) in enumerate(
-                zip(self.order, self.names, strict=True), start=1
-            )
-        ]
-        waits = np.array(list(self._waits(plans)), dtype=np.int64).reshape(-1, 4)
-        return PlanSequence(tuple(plans), tuple(planned), waits)
+        """Return the plans of all products from those of the units, with the changeovers between them."""
+        return _Sequence(self, plans).found()
 
-    def _product(self, task: Task, names: Mapping[str, str], product: int) -> int:
-        """Return the product that a task is for: that of the part that it brings, or the one that is made."""
-        if task.kind in (TaskKind.ARRIVE, TaskKind.PRESENT):
-            return self.line.numbers[names[str(task.object)]][1]
-        return product
 
-    def _waits(
-        self, plans: Sequence[TemporalPlanGraph]
-    ) -> Iterator[tuple[int, int, int, int]]:
-        """Yield which tasks wait for tasks of earlier products, see ``PlanSequence.waits``.
+class _Sequence:
+    """The plans of a line in their order: those of products, and each changeover after the product that it follows."""
+
+    def __init__(self, units: LineUnits, plans: Sequence[TemporalPlanGraph]) -> None:
+        self._units, self._line, self._plans = units, units.line, list(plans)
+        self._planned: list[SequencedPlan] = []
+        self._waits: list[tuple[int, int, int, int]] = []
+        self._there: dict[str, _Place] = {}
+        self._came: dict[str, list[_Place]] = {}
+        self._left: _Place | None = None
+        # What begins and what ends each step of the line, and the changeovers that a step waits for.
+        self._steps: dict[int, tuple[_Place, _Place]] = {}
+        self._changed: dict[int, list[_Place]] = {}
+        self._changes: dict[tuple[str, str], int] = {}
+
+    def found(self) -> PlanSequence:
+        before = 0
+        order = zip(self._units.order, self._units.names, strict=True)
+        for product, (unit, names) in enumerate(order, start=1):
+            self._add_product(unit, names, product, before)
+            count = len(self._units.units[unit].section.steps)
+            for step in range(before + 1, before + count + 1):
+                for own in self._line.supply.changeovers_after.get(step, ()):
+                    self._add_changeover(own)
+            before += count
+        waits = [row for row in self._waits if row[0] != row[2]]
+        rows = np.array(waits, dtype=np.int64).reshape(-1, 4)
+        return PlanSequence(tuple(self._plans), tuple(self._planned), rows)
+
+    def _wait(self, before: _Place | None, here: _Place) -> None:
+        if before is not None:
+            self._waits.append((*before, *here))
+
+    def _add_product(
+        self, unit: int, names: Mapping[str, str], product: int, before: int
+    ) -> None:
+        """Add the plan of a product, and what its tasks wait for in earlier ones.
 
         As within a product, the pick of a part waits for it to be there, a conveyor for room on it, and what is done
         at the place of a product for those to be gone that left last.
         """
-        there: dict[str, tuple[int, int]] = {}
-        came: dict[str, list[tuple[int, int]]] = {}
-        left: tuple[int, int] | None = None
-        for m, (unit, names) in enumerate(zip(self.order, self.names, strict=True)):
-            elsewhere = self.units[unit].supply.elsewhere
-            for task in plans[unit].tasks:
-                here, before = (m, task.index), None
-                if task.kind == TaskKind.PRESENT:
-                    there |= {names[h.object]: here for h in task.handlings}
-                    came.setdefault(task.robot, []).append(here)
-                elif (
-                    task.kind == TaskKind.ARRIVE
-                    and task.robot in self.line.supply.buffers
-                ):
-                    machine, buffer = self.line.supply.buffers[task.robot]
-                    done = came.get(machine, [])
-                    before = done[-1 - buffer] if len(done) > buffer else None
-                elif task.kind == TaskKind.LEAVE:
-                    left = here
-                elif task.kind == "pick" and task.object is not None:
-                    before = there.pop(names.get(task.object, task.object), None)
-                elif is_product_task(task) and task.step not in elsewhere:
-                    before = left
-                if before is not None and before[0] != m:
-                    yield *before, *here
+        line, m = self._units.units[unit], len(self._planned)
+        buffers, products = self._line.supply.buffers, []
+        for task in self._plans[unit].tasks:
+            here, number = (m, task.index), product
+            if task.kind in (TaskKind.ARRIVE, TaskKind.PRESENT):
+                number = self._line.numbers[names[str(task.object)]][1]
+            products.append(number)
+            step = line.section.steps[task.step - 1]
+            if task.kind == TaskKind.PRESENT:
+                self._there |= {names[h.object]: here for h in task.handlings}
+                self._came.setdefault(task.robot, []).append(here)
+            elif task.kind == TaskKind.ARRIVE and task.robot in buffers:
+                machine, buffer = buffers[task.robot]
+                done = self._came.get(machine, [])
+                self._wait(done[-1 - buffer] if len(done) > buffer else None, here)
+            elif task.kind == TaskKind.LEAVE:
+                self._left = here
+            elif task.kind == "pick":
+                own = names.get(str(task.object), "")
+                self._wait(self._there.pop(own, None), here)
+            elif is_product_task(task) and task.step not in line.supply.elsewhere:
+                self._wait(self._left, here)
+            if task.kind == ("place-down" if step.place else step.process):
+                # A robot approaches before it begins a process.
+                robot = step.place is None and task.step not in line.jobs
+                self._steps[before + task.step] = (m, task.index - robot), here
+        for k in range(1, len(line.section.steps) + 1):
+            for change in self._changed.pop(before + k, ()):
+                self._wait(change, self._steps[before + k][0])
+        self._planned.append(SequencedPlan(unit, names, np.array(products)))
+
+    def _add_changeover(self, own: Changeover) -> None:
+        """Add a changeover, which is a plan of one task of a machine."""
+        m, key = len(self._planned), (own.machine, own.words)
+        if key not in self._changes:
+            self._changes[key] = len(self._plans)
+            (seconds,) = (
+                times.duration.mean
+                for times in self._line.changeover_times
+                if (times.robot, times.object) == (own.machine, own.part)
+            )
+            self._plans.append(_changeover_plan(self._plans[0], own, seconds))
+        plan = self._changes[key]
+        names = {str(self._plans[plan].tasks[0].object): own.part}
+        products = np.array([self._line.numbers[own.part][1]])
+        self._planned.append(SequencedPlan(plan, names, products))
+        for step in own.after:
+            self._wait(self._steps[step][1], (m, 0))
+        self._wait(self._left if own.left else None, (m, 0))
+        for step in own.before:
+            self._changed.setdefault(step, []).append((m, 0))
+
+
+def _changeover_plan(
+    unit: TemporalPlanGraph, own: Changeover, seconds: float
+) -> TemporalPlanGraph:
+    """Return the plan of a changeover in the cell of a unit."""
+    machine = machine_robot(own.machine)
+    cell = replace(unit.cell, objects=(), machines=(machine,))
+    task = Task(
+        0, own.machine, TaskKind.CHANGEOVER, 0, own.words, STILL, object=own.part
+    )
+    still = TaskMotion(np.stack([machine.home] * 2), np.array([0.0, seconds]))
+    none = np.empty((0, 2), dtype=np.int64)
+    return build_nodes(MotionPlan(cell, (task,), (still,), none, ()))
 
 
 @lru_cache(maxsize=8)

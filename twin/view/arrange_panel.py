@@ -1,0 +1,215 @@
+"""Panel of the page that changes the scenario file: poses, HOME, further robots and fixtures, undo and save."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import viser
+from scipy.spatial.transform import Rotation
+
+from planning.robots.registry import ROBOTS
+from planning.transforms import Transform, quat_wxyz
+from twin.view.cell_editor import CellEditor, Movable
+from twin.view.cell_scene import CellScene
+
+_NOTHING = "nothing"
+_OFF = "off"
+_GRIDS_MM = (_OFF, "1", "5", "10", "50", "100")
+_GIZMO_M = 0.35
+
+
+class ArrangePanel:
+    """Changes a scenario file by gizmo, numbers and buttons.
+
+    Args:
+        server: server of the scene.
+        editor: the file.
+        scene: where bodies move along.
+        guarded: calls a function, and shows its error.
+
+    Attributes:
+        movables: poses of the file by the names of the list.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        editor: CellEditor,
+        scene: CellScene,
+        guarded: Callable[[Callable[[], object]], None],
+    ) -> None:
+        self._server, self._editor, self._scene = server, editor, scene
+        self._guarded = guarded
+        self.movables: dict[str, Movable] = {}
+        self._gizmo: viser.TransformControlsHandle | None = None
+        gui = server.gui
+        self._selected = gui.add_dropdown("Selected", (_NOTHING,))
+        self._selected.on_update(lambda _: self._select(self._selected.value))
+        self._xyz = gui.add_vector3("Position [m]", (0.0, 0.0, 0.0), step=0.001)
+        self._rpy = gui.add_vector3("Angles [deg]", (0.0, 0.0, 0.0), step=1.0)
+        for numbers in (self._xyz, self._rpy):
+            numbers.on_update(self._numbers_given)
+        self._grid = gui.add_dropdown(
+            "Grid [mm]", _GRIDS_MM, hint="Positions to which the handles snap"
+        )
+        with gui.add_folder("HOME of a robot", expand_by_default=False):
+            self._build_home()
+        with gui.add_folder("Add", expand_by_default=False):
+            self._build_additions()
+        keys = gui.add_button_group("Changes", ("Undo", "Redo"))
+        keys.on_click(lambda _: self._step(keys.value))
+        files = gui.add_button_group("File", ("Save", "Read again", "Overwrite"))
+        files.on_click(lambda _: guarded(lambda: self._file(files.value)))
+        self._state = gui.add_markdown("")
+        self.show()
+
+    def select_body(self, body: str) -> None:
+        """Select the pose of a body, such as ``fixtures/table``."""
+        for name, movable in self.movables.items():
+            if movable.body == body:
+                self._selected.value = name  # type: ignore[misc]
+
+    def show(self) -> None:
+        """Show the poses of the file as it is now."""
+        self.movables = {own.name: own for own in self._editor.movables()}
+        names = (_NOTHING, *self.movables)
+        if tuple(self._selected.options) != names:
+            self._selected.options = names
+        movable = self.movables.get(self._selected.value)
+        if movable is not None and self._gizmo is not None:
+            self._gizmo.position = movable.pose[:3, 3]
+            self._gizmo.wxyz = quat_wxyz(movable.pose)
+            self._show_numbers(movable.pose)
+        words = "**changes are not saved**" if self._editor.unsaved else "saved"
+        self._state.content = f"{self._editor.path.name}: {words}"
+
+    def _build_home(self) -> None:
+        gui = self._server.gui
+        self._robot = gui.add_dropdown("Robot", tuple(self._scene.robots))
+        self._robot.on_update(lambda _: self._build_joints())
+        self._folder = gui.add_folder("Joints [deg or mm]")
+        self._joints: list[viser.GuiInputHandle[float]] = []
+        key = gui.add_button("Set as HOME")
+        key.on_click(
+            lambda _: self._guarded(
+                lambda: self._editor.set_home(self._robot.value, self._joint_values())
+            )
+        )
+        self._build_joints()
+
+    def _build_joints(self) -> None:
+        for slider in self._joints:
+            slider.remove()
+        self._joints = []
+        robot = self._scene.robots[self._robot.value]
+        with self._folder:
+            for k, joint in enumerate(robot.model.joint_names):
+                unit = self._units()[k]
+                low, high = unit * robot.model.lower[k], unit * robot.model.upper[k]
+                slider = self._server.gui.add_slider(
+                    joint,
+                    min=float(low),
+                    max=float(high),
+                    step=0.1,
+                    initial_value=float(np.clip(unit * robot.home[k], low, high)),
+                )
+                slider.on_update(lambda _: self._joints_moved())
+                self._joints.append(slider)
+
+    def _units(self) -> list[float]:
+        """Return how many of its shown units a joint has in a radian or metre."""
+        slides = self._scene.robots[self._robot.value].model.chain.prismatic
+        return [1000.0 if own else 180.0 / np.pi for own in slides]
+
+    def _joint_values(self) -> list[float]:
+        pairs = zip(self._joints, self._units(), strict=True)
+        return [slider.value / unit for slider, unit in pairs]
+
+    def _joints_moved(self) -> None:
+        if len(self._joints) == len(self._units()):
+            self._scene.move_robot(self._robot.value, np.array(self._joint_values()))
+
+    def _build_additions(self) -> None:
+        gui = self._server.gui
+        name = gui.add_text("Name", "new")
+        model = gui.add_dropdown("Robot model", tuple(ROBOTS))
+        size = gui.add_vector3("Size of a fixture [m]", (0.2, 0.2, 0.1))
+
+        def add_robot() -> None:
+            base = {"xyz_m": [0.0, 0.0, 0.0]}
+            entry = {"name": name.value, "model": model.value, "base": base}
+            self._editor.add(("cell", "robots"), entry)
+
+        def add_fixture() -> None:
+            pose = {"xyz_m": [0.0, 0.0, size.value[2] / 2]}
+            entry = {"name": name.value, "size_m": list(size.value), "pose": pose}
+            self._editor.add(("cell", "fixtures"), entry)
+
+        gui.add_button("Add a robot").on_click(lambda _: self._guarded(add_robot))
+        gui.add_button("Add a fixture").on_click(lambda _: self._guarded(add_fixture))
+
+    def _select(self, name: str) -> None:
+        if self._gizmo is not None:
+            self._gizmo.remove()
+            self._gizmo = None
+        movable = self.movables.get(name)
+        if movable is None:
+            return
+        self._show_numbers(movable.pose)
+        gizmo = self._server.scene.add_transform_controls(
+            "/gizmo",
+            scale=_GIZMO_M,
+            position=movable.pose[:3, 3],
+            wxyz=quat_wxyz(movable.pose),
+        )
+        gizmo.on_update(lambda event: self._dragged(movable, gizmo, event.phase))
+        self._gizmo = gizmo
+
+    def _dragged(
+        self, movable: Movable, gizmo: viser.TransformControlsHandle, phase: str
+    ) -> None:
+        """Move the body along with the handles; change the file when they are let go."""
+        pose = self._pose_of(gizmo)
+        self._show_numbers(pose)
+        if phase == "end":
+            self._guarded(lambda: self._editor.move(movable.at, pose))
+        elif movable.body:
+            self._scene.move_body(movable.body, pose)
+
+    def _pose_of(self, gizmo: viser.TransformControlsHandle) -> Transform:
+        """Return the pose of the handles, on the grid."""
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_quat(gizmo.wxyz, scalar_first=True).as_matrix()
+        pose[:3, 3] = gizmo.position
+        if self._grid.value != _OFF:
+            step = float(self._grid.value) / 1000.0
+            pose[:3, 3] = np.round(pose[:3, 3] / step) * step
+        return pose
+
+    def _show_numbers(self, pose: Transform) -> None:
+        x, y, z = np.round(pose[:3, 3], 6).tolist()
+        self._xyz.value = (x, y, z)  # type: ignore[misc]
+        turn = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+        a, b, c = np.round(turn, 4).tolist()
+        self._rpy.value = (a, b, c)  # type: ignore[misc]
+
+    def _numbers_given(self, event: viser.GuiEvent[viser.GuiVector3Handle]) -> None:
+        movable = self.movables.get(self._selected.value)
+        # What the program itself shows comes without a client.
+        if movable is None or event.client is None:
+            return
+        pose = np.eye(4)
+        turn = Rotation.from_euler("xyz", self._rpy.value, degrees=True)
+        pose[:3, :3], pose[:3, 3] = turn.as_matrix(), self._xyz.value
+        self._guarded(lambda: self._editor.move(movable.at, pose))
+
+    def _step(self, key: str) -> None:
+        _ = self._editor.undo() if key == "Undo" else self._editor.redo()
+
+    def _file(self, key: str) -> None:
+        if key == "Read again":
+            self._editor.read_again()
+        else:
+            self._editor.save(force=key == "Overwrite")
+        self.show()

@@ -1,0 +1,212 @@
+"""The page of a cell: its scene, the run that is played, and the panels beside it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planning.errors import TwinError
+from twin.planning.build_workcell import build_workcell
+from twin.scenario.sections.kind import assembly_kind
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.run_result import RunResult
+from twin.view.arrange_panel import ArrangePanel
+from twin.view.cell_editor import CellEditor
+from twin.view.cell_scene import CellScene
+from twin.view.command_panel import CommandPanel
+from twin.view.findings import Findings, FindingsThread
+from twin.view.player import SPEEDS, Player
+from twin.view.run_playback import RunPlayback
+from twin.view.server import ViewServer
+
+_VIEWED_FROM = (0.7, -1.1, 0.7)
+"""Position of the camera from the middle of the cell, in sizes of the cell."""
+
+_FINE_GRID_M = 5.0
+"""Cells up to this size stand on a grid of 0.1 m, others on one of 1 m."""
+
+
+class CellPage:
+    """Shows a cell, and changes its file.
+
+    Args:
+        scenario: the cell.
+        run: what is played; None for the cell alone.
+        path: the scenario file that may be changed; None for none.
+        port: port of the page.
+
+    Attributes:
+        server: serves the page.
+    """
+
+    def __init__(
+        self,
+        scenario: LoadedScenario,
+        run: RunResult | None,
+        path: Path | None,
+        port: int,
+    ) -> None:
+        self._lock = threading.RLock()
+        self._scenario = scenario
+        self._player: Player | None = None
+        self._charts = 0
+        answers = {"chart": self._answer_chart, "player": self._answer_player}
+        self.server = ViewServer(answers, port, scenario.name)
+        self._viser = self.server.viser
+        self._scene = CellScene(self._viser.scene, self._clicked)
+        self._editor = None if path is None else CellEditor(path, self._changed)
+        self._arrange: ArrangePanel | None = None
+        self._checks = FindingsThread(self._show_findings)
+        self._show_cell()
+        self._look_at_cell()
+        self._build_panel()
+        self._checks.check(scenario)
+        if run is not None:
+            self.play(run)
+
+    def play(self, run: RunResult) -> None:
+        """Play a run on the page, in place of the one before."""
+        with self._lock:
+            self._stop_playing()
+            self._scene.show(run.tpg.cell)
+            self._player = Player(RunPlayback(run), self._scene, self._viser.atomic)
+            self._player.start()
+
+    def close(self) -> None:
+        """End playback and server."""
+        with self._lock:
+            self._stop_playing()
+        self._viser.stop()
+
+    def _stop_playing(self) -> None:
+        self._charts += 1
+        if self._player is not None:
+            self._player.stop()
+            self._player = None
+
+    def _answer_chart(self, _: Mapping[str, str]) -> dict[str, Any]:
+        """Return the Gantt chart of the run that is played; nothing without one."""
+        player = self._player
+        return {} if player is None else {**player.run.chart, "speeds": SPEEDS}
+
+    def _answer_player(self, given: Mapping[str, str]) -> dict[str, Any]:
+        """Do with the player what a request says, and return its state."""
+        player = self._player
+        if player is None:
+            return {"chart": self._charts}
+        if "t" in given:
+            player.seek(_number(given["t"]))
+        if "speed" in given:
+            player.speed = min(max(_number(given["speed"]), SPEEDS[0]), SPEEDS[-1])
+        if "step" in given:
+            player.step(backwards=_number(given["step"]) < 0.0)
+        if "playing" in given:
+            player.play(playing=given["playing"] == "1")
+        return {
+            "now_s": player.now_s,
+            "playing": player.playing,
+            "speed": player.speed,
+            "chart": self._charts,
+        }
+
+    def _build_panel(self) -> None:
+        gui = self._viser.gui
+        # The button that shares a scene would send it to a server of others.
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
+        tabs = gui.add_tab_group()
+        if self._editor is not None:
+            with tabs.add_tab("Arrange"):
+                self._arrange = ArrangePanel(
+                    self._viser, self._editor, self._scene, self._guarded
+                )
+        with tabs.add_tab("Findings"):
+            self._findings = gui.add_markdown("the cell is being checked")
+        with tabs.add_tab("Look"):
+            reach = gui.add_checkbox("Reach of robots", initial_value=False)
+            reach.on_update(lambda _: self._scene.show_reach(shown=reach.value))
+        if self._editor is not None:
+            with tabs.add_tab("Do"):
+                CommandPanel(gui, self._editor, self._guarded, self.play)
+
+    def _look_at_cell(self) -> None:
+        scene, camera = self._viser.scene, self._viser.initial_camera
+        scene.set_up_direction("+z")
+        middle, size, floor = self._scene.extent()
+        step = 0.1 if size < _FINE_GRID_M else 1.0
+        side = np.ceil(4.0 * size)
+        scene.add_grid(
+            "/grid",
+            width=side,
+            height=side,
+            cell_size=step,
+            position=(middle[0], middle[1], floor - 0.002),
+        )
+        camera.position = middle + size * np.array(_VIEWED_FROM)
+        camera.look_at = middle
+
+    def _clicked(self, body: str) -> None:
+        if self._arrange is not None:
+            self._arrange.select_body(body)
+
+    def _show_cell(self) -> None:
+        sections, folder = self._scenario.sections, self._scenario.folder
+        cell = build_workcell(sections, folder, assembly_kind(sections.assembly))
+        with self._viser.atomic():
+            self._scene.show(cell)
+
+    def _changed(self) -> None:
+        """Show the cell of the changed file, or what is wrong with the file."""
+        assert self._editor is not None
+        assert self._arrange is not None
+        with self._lock:
+            self._stop_playing()
+            self._scenario = self._editor.scenario
+            if self._editor.problems:
+                words = _listed("errors in the file", self._editor.problems)
+                self._findings.content = words
+            else:
+                self._guarded(self._show_cell)
+                self._checks.check(self._scenario)
+            self._arrange.show()
+
+    def _show_findings(self, found: Findings) -> None:
+        if self._editor is not None and self._editor.problems:
+            return
+        errors = [own.message for own in found.found if own.error]
+        warnings = [own.message for own in found.found if not own.error]
+        text = _listed("errors", [found.reason] if found.reason else errors)
+        text += _listed("warnings", warnings)
+        if not found.complete:
+            text += "\nreach is being checked"
+        self._findings.content = text or "nothing found"
+        at_fault = {own.at[:3] for own in found.found if own.error}
+        movables = self._arrange.movables.values() if self._arrange else ()
+        self._scene.mark({own.body for own in movables if own.at[:3] in at_fault})
+
+    def _guarded(self, act: Callable[[], object]) -> None:
+        """Call a function; show its error to everybody who looks."""
+        try:
+            act()
+        except TwinError as error:
+            for client in self._viser.get_clients().values():
+                client.add_notification("Not done", str(error), color="red")
+
+
+def _listed(title: str, entries: Sequence[str]) -> str:
+    if not entries:
+        return ""
+    lines = "\n".join(f"- {own}" for own in entries)
+    return f"**{len(entries)} {title}**\n\n{lines}\n\n"
+
+
+def _number(text: str) -> float:
+    """Return the number that a text is; ValueError for none that is finite."""
+    value = float(text)
+    if not np.isfinite(value):
+        raise ValueError(f"{text!r} is not a finite number")
+    return value

@@ -1,0 +1,198 @@
+"""3-D scene of a cell in viser: robots, fixtures and objects, with poses that can be set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import viser
+from scipy.spatial import ConvexHull
+
+from planning.cell.shape import Shape
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.kinematics.kinematics import frame_pose
+from planning.tasks.task import DOOR
+from planning.transforms import Array, Indices, Transform, quat_wxyz
+from twin.drawing.looks import coloured_fixtures
+from twin.drawing.team_colours import parse_rgb, team_colours
+from twin.drawing.triangles import triangles_of
+from twin.view.robot_figure import RobotFigure
+
+Colour = tuple[int, int, int]
+
+_AT_FAULT: Colour = (214, 39, 40)
+_OPACITY = 0.28
+"""Opacity of doors and shells of reach."""
+
+_CONFIGURATIONS = 3000
+"""Random configurations from which the reach of a robot is computed."""
+
+
+class CellScene:
+    """The nodes of a cell in a scene of viser.
+
+    Nodes are named ``/robots/NAME/JOINT``, ``/fixtures/NAME`` and ``/objects/NAME``.
+
+    Args:
+        scene: the scene, to which nodes are added.
+        clicked: called with the name of the body, such as ``fixtures/table``, on which somebody clicks.
+    """
+
+    def __init__(
+        self, scene: viser.SceneApi, clicked: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._scene, self._clicked = scene, clicked
+        self._nodes: dict[str, viser.MeshHandle | viser.GlbHandle] = {}
+        self._looks: dict[str, object] = {}
+        self._colours: dict[str, Colour] = {}
+        self._lowest: dict[str, float] = {}
+        self._shells: list[viser.SceneNodeHandle] = []
+        self.figures: dict[str, RobotFigure] = {}
+        self.robots: dict[str, PlacedRobot] = {}
+
+    def show(self, cell: Workcell) -> None:
+        """Show a cell with robots at HOME and objects at their start; bodies that look the same stay."""
+        colours = team_colours([robot.name for robot in cell.robots])
+        there: set[str] = set()
+        for robot in cell.robots:
+            there |= self._show_robot(robot, colours[robot.name])
+        for fixture, colour in coloured_fixtures(cell):
+            there.add(name := f"/fixtures/{fixture.name}")
+            self._show_body(name, fixture.shape, colour, fixture.pose)
+        for item in cell.objects:
+            there.add(name := f"/objects/{item.name}")
+            self._show_body(name, item.shape, item.colour, item.start)
+            self._nodes[name].visible = not item.later
+            node = self._nodes[name]
+            if item.kind == DOOR and isinstance(node, viser.MeshHandle):
+                node.opacity = _OPACITY
+        for name in set(self._nodes) - there:
+            self._nodes.pop(name).remove()
+            self._looks.pop(name, None)
+        self.robots = {robot.name: robot for robot in cell.robots}
+
+    def extent(self) -> tuple[Array, float, float]:
+        """Return the middle of the cell, its size, and the height of its lowest corner [m]."""
+        feet = [robot.base[:3, 3] for robot in self.robots.values()]
+        others = [
+            np.asarray(node.position)
+            for name, node in self._nodes.items()
+            if name.startswith(("/objects/", "/fixtures/"))
+        ]
+        points = np.array([*feet, *others])
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = max(float(np.max(high - low)), 1.0)
+        return 0.5 * (low + high), size, min(self._lowest.values(), default=0.0)
+
+    def move_robot(self, robot: str, q: Array) -> None:
+        """Show a robot at a configuration, shape (n,) [rad or m]."""
+        for joint, pose in self.figures[robot].poses(q).items():
+            self._place(f"/robots/{robot}/{joint}", pose)
+
+    def move_body(self, body: str, pose: Transform) -> None:
+        """Show a robot with its base, a fixture or an object at a pose in the world."""
+        kind, _, name = body.partition("/")
+        if kind == "robots":
+            self.figures[name].base = pose
+            self.move_robot(name, self.robots[name].home)
+        elif f"/{body}" in self._nodes:
+            self._place(f"/{body}", pose)
+
+    def move_objects(self, poses: Mapping[str, Transform]) -> None:
+        """Show objects at poses in the world, and hide all others."""
+        for name, node in self._nodes.items():
+            item = name.removeprefix("/objects/")
+            if item == name:
+                continue
+            if node.visible != (item in poses):
+                node.visible = item in poses
+            if item in poses:
+                self._place(name, poses[item])
+
+    def mark(self, bodies: set[str]) -> None:
+        """Colour the fixtures and objects that are at fault, and no others."""
+        for name, own in self._colours.items():
+            colour = _AT_FAULT if name[1:] in bodies else own
+            node = self._nodes.get(name)
+            if isinstance(node, viser.MeshHandle) and tuple(node.color) != colour:
+                node.color = colour
+
+    def show_reach(self, *, shown: bool) -> None:
+        """Show or hide a translucent shell around the places that the tool of each robot reaches."""
+        for shell in self._shells:
+            shell.remove()
+        self._shells = []
+        colours = team_colours(list(self.robots))
+        for name, robot in self.robots.items() if shown else ():
+            if robot.model.is_mobile:
+                continue
+            vertices, faces = _reach_shell(robot)
+            self._shells.append(
+                self._scene.add_mesh_simple(
+                    f"/reach/{name}",
+                    vertices.astype(np.float32),
+                    faces.astype(np.uint32),
+                    color=parse_rgb(colours[name]),
+                    opacity=_OPACITY,
+                    side="double",
+                )
+            )
+
+    def _show_robot(self, robot: PlacedRobot, colour: str) -> set[str]:
+        looks = (robot.model.urdf, colour)
+        figure = self.figures.get(robot.name)
+        if figure is None or self._looks.get(robot.name) != looks:
+            figure = self.figures[robot.name] = RobotFigure(robot, colour)
+            self._looks[robot.name] = looks
+            for joint, mesh in figure.meshes.items():
+                name = f"/robots/{robot.name}/{joint}"
+                if name in self._nodes:
+                    self._nodes[name].remove()
+                self._nodes[name] = self._scene.add_mesh_trimesh(name, mesh)
+                self._listen(name, f"robots/{robot.name}")
+        figure.base = robot.base
+        self.move_robot(robot.name, robot.home)
+        return {f"/robots/{robot.name}/{joint}" for joint in figure.meshes}
+
+    def _show_body(
+        self, name: str, shape: Shape, colour: Colour, pose: Transform
+    ) -> None:
+        drawn = triangles_of(shape)
+        looks = (drawn.vertices.tobytes(), drawn.faces.tobytes(), colour)
+        if self._looks.get(name) != looks:
+            if name in self._nodes:
+                self._nodes[name].remove()
+            self._looks[name], self._colours[name] = looks, colour
+            self._nodes[name] = self._scene.add_mesh_simple(
+                name,
+                drawn.vertices.astype(np.float32),
+                drawn.faces.astype(np.uint32),
+                color=colour,
+                flat_shading=True,
+            )
+            self._listen(name, name[1:])
+        self._lowest[name] = float((drawn.vertices @ pose[2, :3]).min() + pose[2, 3])
+        self._place(name, pose)
+
+    def _listen(self, node: str, body: str) -> None:
+        self._nodes[node].on_click(lambda _: self._clicked(body))
+
+    def _place(self, name: str, pose: Transform) -> None:
+        """Set the pose of a node, unless it has it."""
+        node = self._nodes[name]
+        at, turn = pose[:3, 3], quat_wxyz(pose)
+        if not np.array_equal(node.position, at):
+            node.position = at
+        if not np.array_equal(node.wxyz, turn):
+            node.wxyz = turn
+
+
+def _reach_shell(robot: PlacedRobot) -> tuple[Array, Indices]:
+    """Return the convex hull of the places that the tool of a robot comes to: vertices and faces."""
+    model = robot.model
+    q = np.random.default_rng(0).uniform(
+        model.lower, model.upper, (_CONFIGURATIONS, model.dof)
+    )
+    frame = "tool" if "tool" in model.frames else "flange"
+    hull = ConvexHull(np.array([frame_pose(robot, own, frame)[:3, 3] for own in q]))
+    return hull.points, hull.simplices.astype(np.int64)

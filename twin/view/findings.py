@@ -1,0 +1,63 @@
+"""Findings of the checks of a cell while it is edited, in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from planning.errors import TwinError
+from twin.checks.check import findings_without_reach, reach_findings
+from twin.checks.finding import CheckContext, Finding
+from twin.trial.loaded_scenario import LoadedScenario
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Findings on a scenario.
+
+    Attributes:
+        found: the findings.
+        complete: whether reach was checked, too.
+        reason: why nothing could be checked; empty if it could.
+    """
+
+    found: tuple[Finding, ...] = ()
+    complete: bool = False
+    reason: str = ""
+
+
+class FindingsThread:
+    """Checks the newest scenario that it is given; quick findings first, then those on reach.
+
+    Args:
+        publish: called with findings as they are known.
+    """
+
+    def __init__(self, publish: Callable[[Findings], None]) -> None:
+        self._publish = publish
+        self._newest: LoadedScenario | None = None
+        self._wake = threading.Condition()
+        threading.Thread(target=self._check, daemon=True).start()
+
+    def check(self, scenario: LoadedScenario) -> None:
+        """Check a scenario, in place of one whose check has not begun."""
+        with self._wake:
+            self._newest = scenario
+            self._wake.notify()
+
+    def _check(self) -> None:
+        while True:
+            with self._wake:
+                while self._newest is None:
+                    self._wake.wait()
+                scenario, self._newest = self._newest, None
+            try:
+                subject = CheckContext(scenario.sections, scenario.folder)
+                quick = findings_without_reach(subject)
+                self._publish(Findings(tuple(quick)))
+                if self._newest is None:
+                    whole = [*quick, *reach_findings(subject, quick)]
+                    self._publish(Findings(tuple(dict.fromkeys(whole)), complete=True))
+            except TwinError as error:
+                self._publish(Findings(complete=True, reason=str(error)))

@@ -1,0 +1,127 @@
+"""Poses of robots and objects of a run at any time, and the bars of its Gantt chart."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections import defaultdict
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from planning.kinematics.kinematics import frame_pose
+from planning.tasks.task import Handling
+from planning.transforms import Array, Transform, from_quat_wxyz
+from twin.activities.activities import IDLE, WAITING, robot_activities
+from twin.drawing.lane_colours import plan_colours
+from twin.durations.nanoseconds import NANOSECONDS
+from twin.rerun.plan_descriptions import PlanDescriptions
+from twin.runs.trajectory import Placement
+from twin.trial.run_result import RunResult
+
+_WORLD = "world"
+"""Parent of objects at rest in the table of objects."""
+
+
+_SAME_S = 1e-6
+"""Times that differ by less are the same [s]."""
+
+
+class RunPlayback:
+    """A run as it is shown: configurations and poses at any time, bars, and times of events.
+
+    Args:
+        run: a run in memory or in a folder.
+
+    Attributes:
+        end_s: time of the last event [s].
+    """
+
+    def __init__(self, run: RunResult) -> None:
+        self._run = run
+        self.end_s = run.makespan_ns / NANOSECONDS
+        self._robots = {robot.name: robot for robot in run.tpg.cell.robots}
+        self._placements: defaultdict[str, list[Placement]] = defaultdict(list)
+        for row in run.objects.to_pylist():
+            parent = str(row["parent"])
+            holder = parent.removesuffix("/flange")
+            self._placements[row["object"]].append(
+                Placement(
+                    round(row["t_s"] * NANOSECONDS),
+                    row["object"],
+                    None if parent == _WORLD else holder,
+                    from_quat_wxyz(row["xyz"], row["quat_wxyz"]),
+                )
+            )
+
+    def configurations(self, t_s: float) -> dict[str, Array]:
+        """Return the configuration of each robot at a time [s]."""
+        at = np.array([round(t_s * NANOSECONDS)])
+        return {name: own.at(at)[0] for name, own in self._run.motions.items()}
+
+    def objects(
+        self, t_s: float, configurations: dict[str, Array]
+    ) -> dict[str, Transform]:
+        """Return the pose in the world of each object that is in the cell at a time.
+
+        Args:
+            t_s: the time [s].
+            configurations: of the robots then.
+        """
+        t_ns = round(t_s * NANOSECONDS)
+        found = {}
+        for name, rows in self._placements.items():
+            k = bisect_right(rows, t_ns, key=lambda row: row.t_ns) - 1
+            if k < 0 or rows[k].holder == Handling.GONE:
+                continue
+            pose, holder = rows[k].pose, rows[k].holder
+            if holder is not None:
+                pose = frame_pose(self._robots[holder], configurations[holder]) @ pose
+            found[name] = pose
+        return found
+
+    @cached_property
+    def event_times_s(self) -> list[float]:
+        """Times at which anything happens, in order [s]."""
+        return sorted({event.t_ns / NANOSECONDS for event in self._run.history})
+
+    def neighbour_s(self, t_s: float, *, backwards: bool) -> float:
+        """Return the time of the next event after a time, or of the last one before it [s]."""
+        times = self.event_times_s
+        if backwards:
+            k = bisect_left(times, t_s - _SAME_S) - 1
+            return times[k] if k >= 0 else 0.0
+        k = bisect_right(times, t_s + _SAME_S)
+        return times[k] if k < len(times) else self.end_s
+
+    @cached_property
+    def chart(self) -> dict[str, Any]:
+        """Return the lanes of the Gantt chart as JSON values.
+
+        Keys: ``end_s``, ``colours`` by state, ``lanes``: name and bars, each a list of start [s], end [s],
+        state and a description.
+        """
+        tpg = self._run.tpg
+        words = PlanDescriptions(tpg)
+        ends = [end for _, end in self._run.node_times_ns]
+        lanes = []
+        lanes_of = robot_activities(tpg, self._run.history)
+        for k, (lane, activities) in enumerate(lanes_of.items()):
+            bars: list[list[Any]] = []
+            for item in activities:
+                if item.state == IDLE:
+                    continue
+                said = words.state(item.state, item.task)
+                if item.state == WAITING and item.first >= 0:
+
+                    def complete(
+                        other: int, node: int, at: int = item.start_ns
+                    ) -> bool:
+                        return 0 <= int(ends[other][node]) <= at
+
+                    said = words.wait(k, item.first, complete) or said
+                start, end = item.start_ns / NANOSECONDS, item.end_ns / NANOSECONDS
+                bars.append([start, end, item.state, said])
+            if bars:
+                lanes.append({"name": lane, "bars": bars})
+        return {"end_s": self.end_s, "colours": plan_colours(tpg), "lanes": lanes}
