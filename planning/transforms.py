@@ -86,6 +86,13 @@ def quat_wxyz(pose: Transform) -> Array:
     return np.asarray(quat if quat[0] >= 0 else -quat)
 
 
+def frame_along(direction: Array) -> Array:
+    """Return a rotation whose third row is a direction, shape (3, 3)."""
+    across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    across /= np.linalg.norm(across)
+    return np.array([across, np.cross(direction, across), direction])
+
+
 def inverse(pose: Transform) -> Transform:
     """Return the inverse of a rigid transform."""
     out = _IDENTITY.copy()

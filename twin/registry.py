@@ -231,7 +231,7 @@ HOOKS = Group(
         "makespan bound": "planning.makespan_bound.makespan_bound:makespan_bound_s",
         "other arms": "twin.shared_bodies.arms:without_other_arms",
         "shared bodies": "twin.shared_bodies.fixtures:mount_on_shared_bodies",
-        "described robot": "planning.vendor_files.described_robot:described_robot",
+        "described robot": "planning.vendor_files.vendor_files:described_robot",
         "description file": "planning.vendor_files.xacro_file:description_file",
     },
 )

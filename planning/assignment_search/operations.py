@@ -51,11 +51,6 @@ def list_operations(
 
     Transits on which no other task depends are replaced by straight motions between two skills. The motion to the
     robot's first skill is not included, because it depends on the step before.
-
-    Args:
-        cell: the static cell.
-        step: the tasks of a step.
-        settings: how they are turned into motions.
     """
     here = cell_with_steps(cell, [step])
     awaited = {task for pair in step.dependencies for task in pair}
@@ -105,11 +100,7 @@ def _standing(task: Task, after: list[int]) -> RobotOperation:
 
 
 def _travel(
-    cell: Workcell,
-    robot: str,
-    start: Array,
-    end: Array,
-    settings: MotionSettings,
+    cell: Workcell, robot: str, start: Array, end: Array, settings: MotionSettings
 ) -> RobotOperation:
     """Return the straight motion to a configuration, whole turns left out."""
     turning = ~cell.robot(robot).model.chain.prismatic
@@ -119,11 +110,7 @@ def _travel(
 
 
 def _skill(
-    cell: Workcell,
-    task: Task,
-    start: Array,
-    settings: MotionSettings,
-    after: list[int],
+    cell: Workcell, task: Task, start: Array, settings: MotionSettings, after: list[int]
 ) -> RobotOperation:
     path = np.vstack([start, task.path])
     seconds = settings.seconds_of(cell, task)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -83,16 +83,14 @@ class PredictionTables(NamedTuple):
     most: int
 
 
+_COLUMNS = PredictionTables._fields[:-2]
+_REAL = ("seconds", "until", "leaving_s", "travel")
+"""Fields with an array each, and those whose values are no whole numbers."""
+
+
 @dataclass(frozen=True)
 class PredictionModel:
-    """Input of the prediction of the makespan, for any choices.
-
-    Attributes:
-        choices: alternatives of all steps, in the order of the steps.
-        tables: the operations of the choices.
-        volumes: the space that the pieces of operations need.
-        robots: number of robots.
-    """
+    """Choices of all steps in their order, their operations, the space that these need, and the number of robots."""
 
     choices: tuple[StepChoice, ...]
     tables: PredictionTables
@@ -107,15 +105,7 @@ def build_model(
     choices: Sequence[StepChoice],
     settings: MotionSettings,
 ) -> PredictionModel:
-    """Return the model of an assembly.
-
-    Args:
-        cell: where it is built.
-        work: what is built.
-        plan: any plan of it.
-        choices: alternatives of its steps, in the order of the steps.
-        settings: how tasks are turned into motions.
-    """
+    """Return the model of an assembly, given any plan of it and the choices of its steps in their order."""
     builder = _TableBuilder(cell, settings)
     for choice in choices:
         tasks = work.expand(plan.with_choice(choice), choice.step, 0)
@@ -140,16 +130,15 @@ class _TableBuilder:
         self._kinds: dict[str, int] = {TRAVEL: 0}
         self._volumes: dict[tuple[int, bytes], int] = {}
         self._pieces: list[tuple[str, Array]] = []
-        self._step: list[int] = []
-        self._first = [0]
-        self._rows: list[tuple[int, int, float, int, int, int, int, float]] = []
-        self._after_first, self._after = [0], list[int]()
-        self._piece_first, self._volume, self._until = [0], list[int](), list[float]()
+        self._columns: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
+        for name in ("first", "after_first", "piece_first", "wait_first"):
+            self._columns[name].append(0)
 
     def add(self, step: int, operations: Sequence[RobotOperation]) -> None:
         """Add the operations of a choice."""
-        self._step.append(step)
-        base = self._first[-1]
+        columns = self._columns
+        columns["step"].append(step)
+        base = columns["first"][-1]
         following: dict[str, int] = {}
         gates, lasts = [0] * len(operations), [False] * len(operations)
         for k in reversed(range(len(operations))):
@@ -159,62 +148,45 @@ class _TableBuilder:
             following[item.robot] = k
         for item, gate, last in zip(operations, gates, lasts, strict=True):
             robot = self._number[item.robot]
+            columns["robot"].append(robot)
             kind = self._kinds.setdefault(item.kind, len(self._kinds))
-            start = self._starts[robot].number(item.path[0])
-            end = self._ends[robot].number(item.path[-1])
+            columns["kind"].append(kind)
+            columns["seconds"].append(item.seconds)
+            columns["start"].append(self._starts[robot].number(item.path[0]))
+            columns["end"].append(self._ends[robot].number(item.path[-1]))
+            columns["gate"].append(base + gate)
             leaving, leaving_s = self._leaving(item) if last else (-1, 0.0)
-            self._rows.append(
-                (robot, kind, item.seconds, start, end, base + gate, leaving, leaving_s)
-            )
-            self._after += item.after
-            self._after_first.append(len(self._after))
+            columns["leaving"].append(leaving)
+            columns["leaving_s"].append(leaving_s)
+            columns["after"] += item.after
+            columns["after_first"].append(len(columns["after"]))
             self._cut(item)
-        self._first.append(base + len(operations))
+        columns["first"].append(base + len(operations))
 
     def finish(
         self, waits: Iterable[tuple[Task, Task]], steps: int
     ) -> tuple[PredictionTables, Volumes]:
-        """Return the arrays, including the waits between steps.
-
-        Args:
-            waits: pairs of tasks, the second of which waits for the first.
-            steps: number of steps.
-        """
-        kinds = self._kinds
+        """Return the arrays, with waits between so many steps: the second of two tasks waits for the first."""
+        kinds, columns = self._kinds, self._columns
         waiting: list[set[tuple[int, int]]] = [set() for _ in range(steps * len(kinds))]
         for a, b in waits:
             if a.kind in kinds and b.kind in kinds:
                 row = waiting[(b.step - 1) * len(kinds) + kinds[b.kind]]
                 row.add((a.step - 1, kinds[a.kind]))
-        flat = [pair for row in waiting for pair in sorted(row)]
-        columns = list(zip(*self._rows, strict=True))
-        tables = [self._travel(k) for k in range(len(self._starts))]
-        sizes = [table.size for table in tables]
-        found = PredictionTables(
-            step=_whole(self._step),
-            first=_whole(self._first),
-            robot=_whole(columns[0]),
-            kind=_whole(columns[1]),
-            seconds=np.array(columns[2]),
-            start=_whole(columns[3]),
-            end=_whole(columns[4]),
-            gate=_whole(columns[5]),
-            after_first=_whole(self._after_first),
-            after=_whole(self._after),
-            piece_first=_whole(self._piece_first),
-            volume=_whole(self._volume),
-            until=np.array(self._until),
-            leaving=_whole(columns[6]),
-            leaving_s=np.array(columns[7]),
-            travel_first=_whole(np.cumsum([0, *sizes[:-1]])),
-            starts=_whole([len(item.items) for item in self._starts]),
-            travel=np.concatenate([table.ravel() for table in tables]),
-            wait_first=_whole(np.cumsum([0, *map(len, waiting)])),
-            wait_step=_whole([step for step, _ in flat]),
-            wait_kind=_whole([kind for _, kind in flat]),
-            kinds=len(kinds),
-            most=int(np.diff(self._first).max()),
-        )
+        for pairs in waiting:
+            columns["wait_step"] += [step for step, _ in sorted(pairs)]
+            columns["wait_kind"] += [kind for _, kind in sorted(pairs)]
+            columns["wait_first"].append(len(columns["wait_step"]))
+        for k, starts in enumerate(self._starts):
+            columns["travel_first"].append(len(columns["travel"]))
+            columns["starts"].append(len(starts.items))
+            columns["travel"] += self._travel(k).ravel().tolist()
+        arrays: dict[str, Any] = {
+            name: np.array(column, np.float64 if name in _REAL else np.int64)
+            for name, column in columns.items()
+        }
+        most = int(np.diff(arrays["first"]).max())
+        found = PredictionTables(**arrays, kinds=len(kinds), most=most)
         names = [name for name, _ in self._pieces]
         pieces = [piece for _, piece in self._pieces]
         return packed(found), build_volumes(self._cell, names, pieces)
@@ -227,9 +199,10 @@ class _TableBuilder:
         at = _at(item, np.linspace(0.0, 1.0, parts * (SAMPLES - 1) + 1))
         for k in range(parts):
             first = k * (SAMPLES - 1)
-            self._volume.append(self._piece(item.robot, at[first : first + SAMPLES]))
-            self._until.append((k + 1) / parts)
-        self._piece_first.append(len(self._volume))
+            piece = self._piece(item.robot, at[first : first + SAMPLES])
+            self._columns["volume"].append(piece)
+            self._columns["until"].append((k + 1) / parts)
+        self._columns["piece_first"].append(len(self._columns["volume"]))
 
     def _leaving(self, item: RobotOperation) -> tuple[int, float]:
         robot = self._cell.robot(item.robot)
@@ -252,10 +225,7 @@ class _TableBuilder:
         """Return the seconds from each end to each start configuration of a robot [s]."""
         robot = self._cell.robots[k]
         starts, ends = np.array(self._starts[k].items), np.array(self._ends[k].items)
-        speed, turning = (
-            self._settings.speeds[robot.name],
-            ~robot.model.chain.prismatic,
-        )
+        speed, turning = self._settings.speeds[robot.name], ~robot.model.chain.prismatic
         rows = [speed.durations(without_turns(starts - end, turning)) for end in ends]
         return np.array(rows)
 
@@ -265,7 +235,3 @@ def _at(item: RobotOperation, shares: Array) -> Array:
     times = shares * item.seconds
     columns = [np.interp(times, item.times, column) for column in item.path.T]
     return np.stack(columns, axis=1)
-
-
-def _whole(values: Iterable[int]) -> Indices:
-    return np.array([*values], dtype=np.int64)

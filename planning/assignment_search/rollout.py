@@ -101,23 +101,10 @@ def predict_makespan(
         most: makespan above which the prediction is infinity [s].
     """
     tables, volumes, state = model.tables, model.volumes, make_state(model)
-    return float(roll_out(tables, volumes, state, chosen, conflicts, most))
+    return float(run_rollout(tables, volumes, state, chosen, conflicts, most))
 
 
 @kernel
-def roll_out(
-    tables: PredictionTables,
-    volumes: Volumes,
-    state: RolloutState,
-    chosen: Indices,
-    conflicts: bool,
-    most: float,
-) -> float:
-    """Return the predicted makespan of an assignment [s]; see ``predict_makespan``."""
-    return run_rollout(tables, volumes, state, chosen, conflicts, most)
-
-
-@inner_kernel
 def run_rollout(
     tables: PredictionTables,
     volumes: Volumes,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.geometry.distance import segment_distance
+from planning.geometry.distance import segment_segment
 from planning.geometry.hull_table import HullTable
 from planning.geometry.robot_bodies import robot_bodies
 from planning.kernels import inner_kernel, kernel
@@ -46,13 +46,7 @@ class Volumes(NamedTuple):
 def build_volumes(
     cell: Workcell, robots: Sequence[str], pieces: Sequence[Array]
 ) -> Volumes:
-    """Return the volumes of pieces of motions.
-
-    Args:
-        cell: the robots, and the distance that they keep.
-        robots: the robot of each piece.
-        pieces: configurations of each piece, shape (SAMPLES, n).
-    """
+    """Return the volumes of pieces of motions, given the robot and the configurations of each, shape (SAMPLES, n)."""
     keep = 0.5 * (cell.clearances.robot_robot + MARGIN)
     tables = {robot.name: robot_bodies(robot).hulls for robot in cell.robots}
     sizes = [SAMPLES * len(tables[name].radius) for name in robots]
@@ -121,12 +115,8 @@ def do_volumes_meet(volumes: Volumes, a: int, b: int) -> bool:
 
 @inner_kernel
 def _search_contact(volumes: Volumes, a: int, b: int) -> bool:
-    first, ends, radius, box = (
-        volumes.first,
-        volumes.ends,
-        volumes.radius,
-        volumes.box,
-    )
+    first, ends = volumes.first, volumes.ends
+    radius, box = volumes.radius, volumes.box
     for r in range(3):
         if box[a, r] > box[b, r + 3] or box[b, r] > box[a, r + 3]:
             return False
@@ -140,24 +130,9 @@ def _search_contact(volumes: Volumes, a: int, b: int) -> bool:
                 outside = True
         if outside:
             continue
-        ux = ends[i, 1, 0] - ends[i, 0, 0]
-        uy = ends[i, 1, 1] - ends[i, 0, 1]
-        uz = ends[i, 1, 2] - ends[i, 0, 2]
         for j in range(first[b], first[b + 1]):
             near = thick + radius[j]
-            apart = segment_distance(
-                (ux, uy, uz),
-                (
-                    ends[j, 1, 0] - ends[j, 0, 0],
-                    ends[j, 1, 1] - ends[j, 0, 1],
-                    ends[j, 1, 2] - ends[j, 0, 2],
-                ),
-                (
-                    ends[i, 0, 0] - ends[j, 0, 0],
-                    ends[i, 0, 1] - ends[j, 0, 1],
-                    ends[i, 0, 2] - ends[j, 0, 2],
-                ),
-            )
+            apart = segment_segment(ends[i, 0], ends[i, 1], ends[j, 0], ends[j, 1])
             if apart < near * near:
                 return True
     return False

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from planning.errors import RequestError
-from planning.transforms import Array, Indices, Transform
+from planning.transforms import Array, Indices, Transform, from_quat_wxyz
 
 MOST_BODIES = 300
 """Most bodies of a file."""
@@ -30,6 +29,8 @@ _WELD = 1e-6
 
 _TRIANGLES = 4
 """Mode of a primitive that has triangles."""
+
+Colour = tuple[int, int, int]
 
 _TYPES = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
@@ -53,19 +54,31 @@ class CadBody:
     vertices: Array
     faces: Indices
     surfaces: Indices
-    forms: tuple[Mapping[str, Any] | None, ...]
+    forms: Sequence[Mapping[str, Any] | None]
     pose: Transform
-    colour: tuple[int, int, int] | None
+    colour: Colour | None
 
-    @property
+    @cached_property
     def volume(self) -> float:
         """Enclosed volume [m^3]."""
         return signed_volume(self.vertices, self.faces)
 
-    @property
-    def triangles(self) -> Array:
-        """Corners of the triangles, shape (f, 3, 3) [m]."""
-        return np.asarray(self.vertices[self.faces])
+    @cached_property
+    def centre(self) -> Array:
+        """Centroid of the surface, which turns with it, shape (3,) [m]."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        return np.asarray(area @ (a + b + c) / (3.0 * area.sum()))
+
+    @cached_property
+    def away(self) -> Array:
+        """Distance of each corner from the centroid, shape (v,) [m]."""
+        return np.asarray(np.linalg.norm(self.vertices - self.centre, axis=1))
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The corners, for queries."""
+        return cKDTree(self.vertices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +88,8 @@ class _Patch:
     vertices: Array
     faces: Indices
     surfaces: Indices
-    forms: tuple[Mapping[str, Any] | None, ...]
-    colours: tuple[tuple[int, int, int] | None, ...]
+    forms: Sequence[Mapping[str, Any] | None]
+    colours: Sequence[Colour | None]
     parts: int
 
 
@@ -86,27 +99,25 @@ def read_bodies(content: bytes) -> tuple[list[CadBody], list[str]]:
     Raises:
         RequestError: it has no body, too many of them, or too many triangles.
     """
-    data, binary = _chunks(content)
-    meshes = data.get("meshes", [])
-    solids: dict[int, list[tuple[Indices, bool]]] = {}
-    patches: dict[int, _Patch] = {}
+    length = struct.unpack_from("<I", content, 12)[0]
+    data, binary = json.loads(content[20 : 20 + length]), content[20 + length + 8 :]
+    known: dict[int, tuple[_Patch, list[tuple[Indices, bool]]]] = {}
     bodies: list[CadBody] = []
     notes: list[str] = []
     triangles = 0
     for number, names, pose in _placed_meshes(data):
-        if number not in patches:
-            patches[number] = _patch(data, binary, meshes[number])
-            solids[number] = list(_solids(patches[number]))
-        patch = patches[number]
+        if number not in known:
+            patch = _patch(data, binary, data["meshes"][number])
+            known[number] = patch, list(_solids(patch))
+        patch, solids = known[number]
         triangles += len(patch.faces)
         if triangles > _MOST_TRIANGLES:
-            raise RequestError(
-                f"its bodies have more than {_MOST_TRIANGLES} triangles: export simpler ones"
-            )
+            most = f"more than {_MOST_TRIANGLES} triangles"
+            raise RequestError(f"its bodies have {most}: export simpler ones")
         called = names[0] or "a body"
         if not len(patch.faces):
             notes.append(f"{called}: has curves or points, and no surface: left out")
-        for chosen, closed in solids[number]:
+        for chosen, closed in solids:
             body = _body(patch, chosen, names, pose)
             if not closed:
                 notes.append(f"{called}: its surface is not closed: left out")
@@ -125,13 +136,6 @@ def signed_volume(vertices: Array, faces: Indices) -> float:
         return 0.0
     a, b, c = (vertices[faces[:, k]] - vertices[faces[0, 0]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
-
-
-def _chunks(content: bytes) -> tuple[dict[str, Any], bytes]:
-    """Return the description and the binary data of a GLB file."""
-    length = struct.unpack_from("<I", content, 12)[0]
-    data = json.loads(content[20 : 20 + length])
-    return data, content[20 + length + 8 :]
 
 
 def _placed_meshes(
@@ -155,20 +159,11 @@ def _placed_meshes(
 
 
 def _node_pose(node: Mapping[str, Any]) -> Transform:
-    pose = np.eye(4)
+    x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
+    pose = from_quat_wxyz(node.get("translation", (0.0, 0.0, 0.0)), (w, x, y, z))
+    pose[:3, :3] = pose[:3, :3] * np.array(node.get("scale", 1.0))
     if "matrix" in node:
         pose = np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    if "rotation" in node:
-        x, y, z, w = node["rotation"]
-        pose[:3, :3] = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    if "scale" in node:
-        pose[:3, :3] = pose[:3, :3] * np.array(node["scale"])
-    if "translation" in node:
-        pose[:3, 3] = node["translation"]
     return pose
 
 
@@ -190,18 +185,17 @@ def _rigid(pose: Transform) -> Transform:
 
 def _patch(data: Mapping[str, Any], binary: bytes, mesh: Mapping[str, Any]) -> _Patch:
     """Return the triangles of a mesh, with equal corners as one."""
-    points, corners, surfaces = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
+    points, corners = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
+    surfaces, colours = [np.empty(0, np.int64)], list[Colour | None]()
     forms: list[Mapping[str, Any] | None] = []
-    colours: list[tuple[int, int, int] | None] = []
     before = 0
     for primitive in mesh.get("primitives", []):
         if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
             continue
-        own = _array(data, binary, primitive["attributes"]["POSITION"])
+        points.append(_array(data, binary, primitive["attributes"]["POSITION"]))
         index = _array(data, binary, primitive["indices"]).reshape(-1, 3)
-        points.append(own.astype(np.float64))
         corners.append(index.astype(np.int64) + before)
-        before += len(own)
+        before += len(points[-1])
         known = primitive.get("extensions", {}).get("TM_brep_faces", {})
         numbers = np.full(len(index), -1)
         if "faceIndices" in known:
@@ -210,51 +204,37 @@ def _patch(data: Mapping[str, Any], binary: bytes, mesh: Mapping[str, Any]) -> _
         surfaces.append(numbers)
         forms += known.get("faces", [])
         colours += [_colour(data, primitive)] * len(index)
-    vertices, faces = np.vstack(points), np.vstack(corners)
+    vertices, faces = np.vstack(points).astype(np.float64), np.vstack(corners)
     if not np.all(np.isfinite(vertices)):
         raise RequestError("a body has coordinates that are no finite numbers")
-    vertices, faces = _welded(vertices, faces)
-    kept = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
-    kept &= faces[:, 0] != faces[:, 2]
-    numbers = np.concatenate(surfaces) if surfaces else np.empty(0, np.int64)
-    return _Patch(
-        vertices,
-        faces[kept],
-        numbers[kept],
-        tuple(forms),
-        tuple(colour for colour, own in zip(colours, kept, strict=True) if own),
-        len(surfaces),
-    )
+    if len(faces):
+        vertices, faces = _welded(vertices, faces)
+    kept = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
+    colours = [colour for colour, own in zip(colours, kept, strict=True) if own]
+    numbers = np.concatenate(surfaces)[kept]
+    return _Patch(vertices, faces[kept], numbers, forms, colours, len(surfaces) - 1)
 
 
 def _array(data: Mapping[str, Any], binary: bytes, number: int) -> Array:
-    """Return the values of an accessor."""
+    """Return the values of an accessor, shape (n, width)."""
     accessor = data["accessors"][number]
     view = data["bufferViews"][accessor["bufferView"]]
     kind, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
     begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-    count = accessor["count"]
     step = view.get("byteStride", kind.itemsize * width)
-    rows = np.ndarray((count, width), kind, binary, begin, (step, kind.itemsize))
-    return np.array(rows)
+    shape, strides = (accessor["count"], width), (step, kind.itemsize)
+    return np.array(np.ndarray(shape, kind, binary, begin, strides))
 
 
 def _welded(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     """Return the triangles with corners that are at the same place as one."""
+    from trimesh.graph import connected_component_labels
+
     points, number = np.unique(vertices, axis=0, return_inverse=True)
-    number = number.reshape(-1)
-    if len(points):
-        pairs = cKDTree(points).query_pairs(_WELD, output_type="ndarray")
-        if len(pairs):
-            ones = np.ones(len(pairs), dtype=np.int8)
-            shape = (len(points), len(points))
-            graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=shape)
-            count, found = connected_components(graph, directed=False)
-            label = np.asarray(found, dtype=np.int64)
-            first = np.full(count, -1)
-            first[label[::-1]] = np.arange(len(points))[::-1]
-            points, number = points[first], label[number]
-    return points, number[faces]
+    pairs = cKDTree(points).query_pairs(_WELD, output_type="ndarray")
+    label = connected_component_labels(pairs, node_count=len(points))
+    _, first = np.unique(label, return_index=True)
+    return points[first], label.astype(np.int64)[number.reshape(-1)][faces]
 
 
 def _solids(patch: _Patch) -> Iterator[tuple[Indices, bool]]:
@@ -294,14 +274,11 @@ def _closed_in_turn(patch: _Patch, order: Indices) -> Iterator[Indices]:
     begin = last = 0
     for end in ends.tolist():
         for a, b, c in faces[last : end + 1].tolist():
-            for edge in ((a, b), (b, c), (c, a)):
-                back = edge[1], edge[0]
-                if open_edges.get(back, 0):
-                    open_edges[back] -= 1
-                    if not open_edges[back]:
-                        del open_edges[back]
-                else:
-                    open_edges[edge] = open_edges.get(edge, 0) + 1
+            for x, y in ((a, b), (b, c), (c, a)):
+                edge, sign = ((x, y), 1) if x < y else ((y, x), -1)
+                open_edges[edge] = open_edges.get(edge, 0) + sign
+                if not open_edges[edge]:
+                    del open_edges[edge]
         last = end + 1
         if not open_edges:
             yield order[begin:last]
@@ -312,15 +289,13 @@ def _closed_in_turn(patch: _Patch, order: Indices) -> Iterator[Indices]:
 
 def _connected(faces: Indices) -> Iterator[Indices]:
     """Yield the triangles that are connected by corners, the ones of least number first."""
-    if not len(faces):
-        return
-    count = int(faces.max()) + 1
-    ones = np.ones(2 * len(faces), dtype=np.int8)
-    ends = np.concatenate([faces[:, 1], faces[:, 2]])
-    graph = coo_array((ones, (np.tile(faces[:, 0], 2), ends)), shape=(count, count))
-    label = connected_components(graph, directed=False)[1][faces[:, 0]]
-    for number in dict.fromkeys(label.tolist()):
-        yield np.flatnonzero(label == number)
+    from trimesh.graph import connected_component_labels
+
+    if len(faces):
+        edges = np.vstack([faces[:, :2], faces[:, ::2]])
+        label = connected_component_labels(edges, int(faces.max()) + 1)[faces[:, 0]]
+        for number in dict.fromkeys(label.tolist()):
+            yield np.flatnonzero(label == number)
 
 
 def _is_closed(faces: Indices) -> bool:
@@ -338,20 +313,11 @@ def _body(
     colours = [patch.colours[k] for k in chosen.tolist()]
     # Single faces may be painted: the body has the colour of most of its triangles.
     most = max(dict.fromkeys(colours), key=colours.count, default=None)
-    return CadBody(
-        names,
-        patch.vertices[used],
-        faces.reshape(-1, 3),
-        patch.surfaces[chosen],
-        patch.forms,
-        pose,
-        most,
-    )
+    own, surfaces = patch.vertices[used], patch.surfaces[chosen]
+    return CadBody(names, own, faces.reshape(-1, 3), surfaces, patch.forms, pose, most)
 
 
-def _colour(
-    data: Mapping[str, Any], primitive: Mapping[str, Any]
-) -> tuple[int, int, int] | None:
+def _colour(data: Mapping[str, Any], primitive: Mapping[str, Any]) -> Colour | None:
     """Return the colour of a primitive; GLB has linear values."""
     if "material" not in primitive:
         return None

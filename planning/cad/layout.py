@@ -10,6 +10,7 @@ from itertools import islice
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from planning.cad.table import Area, Table
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot
 from planning.contacts.touching import PlacedObject, nearby_entities
@@ -21,7 +22,7 @@ from planning.grips.tool_grips import explain_tool_misfit, robot_grips, tool_hei
 from planning.handling.skill_targets import is_possible_in_some_posture
 from planning.parts.assembly import PartHandling
 from planning.parts.part_skills import pick_targets, place_targets
-from planning.transforms import Array, Transform, inverse
+from planning.transforms import Array, Transform, frame_along, inverse, translation
 
 _PITCH = 0.02
 """Step between the places that are tried on the table [m]."""
@@ -37,12 +38,6 @@ _SIDES = 4
 
 _LOW_PART, _ROOM, _ROOM_OF_HAND = 0.05, 0.045, 0.1
 """Parts that are no higher than the first have the second around them, others the third: a hand is as wide [m]."""
-
-_FROM_ASSEMBLY = 0.1
-"""Room around the assembly [m]."""
-
-_FROM_ROBOT = 0.2
-"""Room around the base of a robot [m]."""
 
 _EDGE = 0.02
 """Room at the edges of the table [m]."""
@@ -75,18 +70,6 @@ _MOST_PLACES = 150
 """Places that are tried for a part."""
 
 
-@dataclass(frozen=True)
-class Area:
-    """A rectangle seen from above.
-
-    Attributes:
-        low, high: corners, shape (2,) [m].
-    """
-
-    low: Array
-    high: Array
-
-
 @dataclass(frozen=True, eq=False)
 class PartToLay:
     """Parts of one type that are laid on the table.
@@ -104,23 +87,6 @@ class PartToLay:
     goals: tuple[Transform, ...]
     handling: PartHandling
     there: Mapping[str, PlacedObject]
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table, and what stands on it.
-
-    Attributes:
-        area: its top.
-        top: height of that [m].
-        obstacles: what stands there, with the room that it needs [m].
-        middle: of the assembly, shape (2,) [m].
-    """
-
-    area: Area
-    top: float
-    obstacles: tuple[tuple[Area, float], ...]
-    middle: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,13 +112,7 @@ class Lying:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where parts lie at the start.
-
-    Attributes:
-        starts: poses of their frames in the world, by type.
-        lying: how they lie, by type.
-        notes: on those that no robot reaches.
-    """
+    """Poses of parts in the world at the start and how they lie, by type, and notes on those that no robot reaches."""
 
     starts: dict[str, list[Transform]] = field(default_factory=dict)
     lying: dict[str, Lying] = field(default_factory=dict)
@@ -160,15 +120,11 @@ class Layout:
 
 
 def lay_out(
-    parts: Sequence[PartToLay], robots: Sequence[PlacedRobot], frame: str, table: Table
+    parts: Iterable[PartToLay], robots: Sequence[PlacedRobot], frame: str, table: Table
 ) -> Layout:
     """Return where all parts lie at the start.
 
-    Args:
-        parts: the types.
-        robots: of the cell.
-        frame: tool frame of the grips.
-        table: where they lie.
+    Grips are of a tool frame. The parts are added to what stands on the table.
 
     Raises:
         ValueError: the table has no room for a part; the message names it.
@@ -184,75 +140,62 @@ def _footprint(shape: Shape) -> float:
 
 
 def least_opening(
-    parts: Iterable[tuple[Shape, Transform]],
+    parts: Sequence[tuple[Shape, Transform]],
     rules: GripRules,
     openings: Sequence[float],
 ) -> float:
     """Return the least opening of fingers by which most parts are gripped as they are turned in their places [m].
 
-    Args:
-        parts: shapes and goals.
-        rules: for grips.
-        openings: from which it is chosen, the least first [m].
+    Given are the parts' shapes and goals, and openings from which it is chosen, the least first [m].
     """
-    known, best = list(parts), (-1, 0.0)
+    best = -1, 0.0
     for opening in openings:
         own = replace(rules, opening=opening)
-        count = sum(bool(part_grips(shape, at, at, own)) for shape, at in known)
+        count = sum(bool(part_grips(shape, at, at, own)) for shape, at in parts)
         if count > best[0]:
             best = count, opening
-        if count == len(known):
+        if count == len(parts):
             break
     return best[1]
 
 
 class _Search:
-    """Starts that are found one after another.
-
-    Args:
-        robots: of the cell.
-        frame: tool frame of the grips.
-        table: where the parts lie.
-    """
+    """Starts that are found one after another."""
 
     def __init__(self, robots: Sequence[PlacedRobot], frame: str, table: Table) -> None:
         self.layout = Layout()
         self._robots, self._frame, self._table = robots, frame, table
-        self._used: list[tuple[Area, float]] = list(table.obstacles)
-        self._count = 0
+        self._tips = {r.name: r.model.frame_in_last_joint(frame) for r in robots}
         self._fronts = {
-            robot.name: float(
-                tool_heights(robot.model, robot.model.frame_in_last_joint(frame)).max()
-            )
+            robot.name: float(tool_heights(robot.model, self._tips[robot.name]).max())
             for robot in robots
         }
+        self._count = 0
 
     def add(self, part: PartToLay) -> None:
         """Find the places of the parts of a type."""
         lying = self._lying(part)
         found = list[Transform]()
         self.layout.lying[part.name], self.layout.starts[part.name] = lying, found
-        handling = part.handling
         if lying.rules is not None:
-            handling = replace(handling, grips=lying.rules)
-        part = replace(part, handling=handling)
+            part = replace(part, handling=replace(part.handling, grips=lying.rules))
         far = False
         for goal in part.goals:
             able = self._able(part, goal, lying.grips)
             start = self._place(part, lying, able)
+            far = far or not able or start is None
             if start is None and able:
-                far, start = True, self._place(part, lying, {})
+                start = self._place(part, lying, {})
             if start is None:
                 raise ValueError(part.name)
             found.append(start)
-            far = far or not able
+        words = ""
         if not any(lying.grips.values()):
             words = "no robot's tool grips it where it lies and in its place"
-            self.layout.notes.append(f"{part.name}: {words}")
         elif far:
-            self.layout.notes.append(
-                f"{part.name}: no robot reaches it and its place with one grip"
-            )
+            words = "no robot reaches it and its place with one grip"
+        if words:
+            self.layout.notes.append(f"{part.name}: {words}")
 
     def _lying(self, part: PartToLay) -> Lying:
         """Return how a part lies: on the first side on which it is gripped for its place."""
@@ -263,8 +206,8 @@ class _Search:
 
     def _on_side(self, part: PartToLay, turn: Array, height: float) -> Lying:
         """Return how a part lies on a side: with fingers above the table, or else on a stand."""
-        pose = np.eye(4)
-        pose[:3, :3], pose[2, 3] = turn, height
+        pose = translation(0.0, 0.0, height)
+        pose[:3, :3] = turn
         first: Lying | None = None
         for rules in _variants(part.handling.grips):
             grips = self._free_grips(part, pose, rules)
@@ -273,11 +216,9 @@ class _Search:
                 for name, own in grips.items()
                 for grip in own
             ]
-            if not above:
-                continue
-            if max(above) >= _ABOVE:
+            if above and max(above) >= _ABOVE:
                 return Lying(turn, height, grips, rules)
-            if first is None:
+            if above and first is None:
                 stand = math.ceil(1e3 * (_ABOVE - max(above))) / 1e3
                 low, high = _extent(part.item.shape, turn)
                 x, y = (_SHARE_OF_STAND * (high - low)[:2]).round(4).tolist()
@@ -295,41 +236,36 @@ class _Search:
         found: dict[str, list[Grip]] = {}
         there = dict(part.there)
         for number, goal in enumerate(part.goals):
-            most = _MOST_GRIPS if number == 0 else 1
-            own = {
-                robot.name: list(
-                    islice(self._free(robot, part, start, goal, rules, there), most)
-                )
-                for robot in self._robots
-            }
+            own = {}
+            for robot in self._robots:
+                grips = robot_grips(robot, part.item.shape, start, goal, rules)
+                free = (g for g in grips if self._has_room(robot, part, goal, g, there))
+                own[robot.name] = list(islice(free, 1 if number else _MOST_GRIPS))
             if not any(own.values()):
                 return {}
             found = found or own
             there[f"{part.name}/{number}"] = part.item, goal
         return found
 
-    def _free(
+    def _has_room(
         self,
         robot: PlacedRobot,
         part: PartToLay,
-        start: Transform,
         goal: Transform,
-        rules: GripRules,
+        grip: Grip,
         there: Mapping[str, PlacedObject],
-    ) -> Iterator[Grip]:
-        model, shape = robot.model, part.item.shape
-        tip = model.frame_in_last_joint(self._frame)
-        for grip in robot_grips(robot, shape, start, goal, rules):
-            approach = part.handling.approach
-            if explain_tool_misfit(robot, self._frame, part.item, grip, approach):
-                continue
-            # Fingers need room from where they are open to where they hold the part.
-            closing = swept_fingers(model, tip, shape, grip.pose) or model
-            bodies = tuple(own_bodies(closing))
-            at = goal @ grip.pose @ inverse(tip)
-            tool = Fixture("tool", Shape((), bodies), at)
-            if not bodies or not nearby_entities((tool, at), there, _ROOM_OF_TOOL):
-                yield grip
+    ) -> bool:
+        """Tell whether the tool at a grip is free of the part, and of what is there, in the part's place."""
+        model, approach = robot.model, part.handling.approach
+        if explain_tool_misfit(robot, self._frame, part.item, grip, approach):
+            return False
+        tip = self._tips[robot.name]
+        # Fingers need room from where they are open to where they hold the part.
+        closing = swept_fingers(model, tip, part.item.shape, grip.pose) or model
+        bodies = tuple(own_bodies(closing))
+        at = goal @ grip.pose @ inverse(tip)
+        tool = Fixture("tool", Shape((), bodies), at)
+        return not bodies or not nearby_entities((tool, at), there, _ROOM_OF_TOOL)
 
     def _able(
         self, part: PartToLay, goal: Transform, grips: Mapping[str, list[Grip]]
@@ -337,73 +273,56 @@ class _Search:
         """Return the grips by which each robot puts a part in its place, if there were nothing else."""
         found = {}
         for robot in self._robots:
-            own = [
-                grip
+            targets = (
+                (grip, place_targets(self._frame, goal @ grip.pose, part.handling))
                 for grip in grips.get(robot.name, [])
-                if is_possible_in_some_posture(
-                    robot, place_targets(self._frame, goal @ grip.pose, part.handling)
-                )
-            ]
+            )
+            own = [g for g, at in targets if is_possible_in_some_posture(robot, at)]
             if own:
                 found[robot.name] = own
         return found
 
     def _place(
-        self,
-        part: PartToLay,
-        lying: Lying,
-        able: dict[str, list[Grip]],
+        self, part: PartToLay, lying: Lying, able: dict[str, list[Grip]]
     ) -> Transform | None:
         """Return a free place, where a robot picks the part if any is able to place it; None if there is none."""
         able_robots = [robot for robot in self._robots if robot.name in able]
         first = able_robots[self._count % len(able_robots)] if able_robots else None
         low, high = _extent(part.item.shape, lying.turn)
+        area = Area(low[:2], high[:2])
         room = _ROOM if high[2] - low[2] <= _LOW_PART else _ROOM_OF_HAND
-        places = self._free_places(low[:2], high[:2], room, first or self._robots[0])
+        places = self._free_places(area, room, first or self._robots[0])
         step = max(1, len(places) // _MOST_PLACES) if first is not None else 1
-        for x, y in places[::step]:
-            start = np.eye(4)
+        for at in places[::step]:
+            start = translation(
+                at[0], at[1], self._table.top + lying.stand + lying.height
+            )
             start[:3, :3] = lying.turn
-            start[:3, 3] = x, y, self._table.top + lying.stand + lying.height
             if first is None or any(
-                self._picks(robot, part, start, able[robot.name])
+                is_possible_in_some_posture(
+                    robot, pick_targets(self._frame, start @ grip.pose, part.handling)
+                )
                 for robot in able_robots
+                for grip in able[robot.name]
             ):
-                at = np.array([x, y])
-                self._used.append((Area(at + low[:2], at + high[:2]), room))
+                taken = Area(at + area.low, at + area.high)
+                self._table.obstacles.append((taken, room))
                 self._count += 1
                 return start
         return None
 
-    def _picks(
-        self, robot: PlacedRobot, part: PartToLay, start: Transform, grips: list[Grip]
-    ) -> bool:
-        return any(
-            is_possible_in_some_posture(
-                robot, pick_targets(self._frame, start @ grip.pose, part.handling)
-            )
-            for grip in grips
-        )
-
-    def _free_places(
-        self, low: Array, high: Array, room: float, robot: PlacedRobot
-    ) -> list[tuple[float, float]]:
-        """Return the free places, those first that are at the best distance from a robot."""
+    def _free_places(self, area: Area, room: float, robot: PlacedRobot) -> Array:
+        """Return the free places, those first that are at the best distance from a robot, shape (n, 2) [m]."""
         table = self._table.area
-        begin, end = table.low - low + _EDGE, table.high - high - _EDGE
-        xs, ys = (
+        begin, end = table.low - area.low + _EDGE, table.high - area.high - _EDGE
+        steps = (
             np.arange(a, b + 1e-9, _PITCH) for a, b in zip(begin, end, strict=True)
         )
-        at = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
-        free = np.ones(len(at), dtype=bool)
-        for area, kept in self._used:
-            apart = np.maximum(at + low - area.high, area.low - at - high).max(axis=1)
-            free &= apart >= max(room, kept)
-        at = np.round(at[free], 6)
+        at = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
+        at = np.round(at[self._table.is_free(at, area, room)], 6)
         away = np.abs(np.linalg.norm(at - robot.base[:2, 3], axis=1) - _NEAR_ROBOT)
         away = away + _SHARE * np.linalg.norm(at - self._table.middle, axis=1)
-        order = np.lexsort((at[:, 1], at[:, 0], np.round(away, 6)))
-        return [(x, y) for x, y in at[order].tolist()]
+        return at[np.lexsort((at[:, 1], at[:, 0], np.round(away, 6)))]
 
 
 def _variants(rules: GripRules) -> Iterator[GripRules]:
@@ -448,15 +367,10 @@ def resting_sides(shape: Shape, wanted: Array) -> Iterator[tuple[Array, float]]:
 
 def _tilt_margin(corners: Array, normal: Array, offset: float, centre: Array) -> float:
     """Return the angle by which a body on one of its sides may be tilted until it falls [rad]."""
-    foot = corners[corners @ normal > offset - 1e-6]
-    x = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    x /= np.linalg.norm(x)
-    axes = np.column_stack([x, np.cross(normal, x)])
-    if len(foot) < 3:
-        return 0.0
+    foot, axes = corners[corners @ normal > offset - 1e-6], frame_along(normal)[:2].T
     try:
         hull = ConvexHull(foot @ axes)
-    except QhullError:  # on a line: on an edge nothing lies
+    except QhullError:  # too few, or on a line: on an edge nothing lies
         return 0.0
     inside = -(hull.equations[:, :2] @ (centre @ axes) + hull.equations[:, 2])
     high = offset - float(centre @ normal)

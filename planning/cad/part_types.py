@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain, count
 
 import numpy as np
 
 from planning.bounds import LONGEST_NAME
-from planning.cad.exact_forms import ExactForm, exact_form
+from planning.cad.exact_forms import BoxForm, ExactForm, exact_form
 from planning.cad.glb_bodies import CadBody
-from planning.cad.same_shape import ALIKE, Corners
+from planning.cad.same_shape import ALIKE, pose_of
 from planning.transforms import Array, Transform, inverse, translation
 
 _GENERIC = re.compile(
@@ -29,13 +30,7 @@ _RESERVED = ("true", "false", "null", "yes", "no", "on", "off", "world")
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A body in the assembly.
-
-    Attributes:
-        name: unique, made of letters, digits, ``_`` and ``-``.
-        body: the body.
-        pose: of the frame of its type in the assembly.
-    """
+    """A body with its unique valid name, and the pose of the frame of its type in the assembly."""
 
     name: str
     body: CadBody
@@ -55,14 +50,14 @@ class PartType:
     Attributes:
         name: unique among the types.
         form: what the shape is exactly; None for a mesh.
-        placed: the bodies.
         frame: pose of the frame of the type in the frame of the first body.
+        placed: the bodies.
     """
 
     name: str
     form: ExactForm | None
-    placed: tuple[Placed, ...]
     frame: Transform
+    placed: list[Placed]
 
     @cached_property
     def vertices(self) -> Array:
@@ -72,11 +67,16 @@ class PartType:
         return np.asarray(own @ to_type[:3, :3].T + to_type[:3, 3])
 
     @property
+    def triangles(self) -> Array:
+        """Corners of the triangles of its mesh in the frame of the type, shape (f, 3, 3) [m]."""
+        return np.asarray(self.vertices[self.placed[0].body.faces])
+
+    @property
     def is_milled(self) -> bool:
         """Whether it is a mesh whose faces are all along one axis of its frame or across it: such are cut at once."""
         if self.form is not None:
             return False
-        a, b, c = (self.vertices[self.placed[0].body.faces[:, k]] for k in range(3))
+        a, b, c = np.moveaxis(self.triangles, 1, 0)
         across = np.cross(b - a, c - a)
         size = np.linalg.norm(across, axis=1)
         along = np.abs(across[size > 1e-12]) / size[size > 1e-12][:, None]
@@ -88,82 +88,53 @@ class PartType:
         """Volume of one of them [m^3]."""
         return self.placed[0].body.volume
 
-
-def sort_by_shape(bodies: Sequence[CadBody]) -> list[PartType]:
-    """Return the types of the bodies of an assembly, in the order of the file."""
-    names = unique_names(readable_name(body.names) for body in bodies)
-    found: list[_Gathered] = []
-    for name, body in zip(names, bodies, strict=True):
-        exact = exact_form(body)
-        corners = Corners(body.vertices, body.faces, body.volume)
-        for known in found:
-            pose = known.pose_in(body, exact, corners)
-            if pose is not None:
-                known.placed.append(Placed(name, body, pose))
-                break
-        else:
-            found.append(_Gathered.begin(name, body, exact, corners))
-    bases = [readable_name(own.placed[0].body.names) for own in found]
-    return [
-        PartType(name, own.form, tuple(own.placed), own.frame)
-        for name, own in zip(unique_names(bases), found, strict=True)
-    ]
-
-
-@dataclass(eq=False)
-class _Gathered:
-    """A type whose bodies are being gathered.
-
-    Attributes:
-        form: what it is exactly, None for a mesh.
-        corners: of its first body.
-        frame: of the type in the frame of the first body.
-        placed: the bodies so far.
-    """
-
-    form: ExactForm | None
-    corners: Corners
-    frame: Transform
-    placed: list[Placed]
-
-    @classmethod
-    def begin(
-        cls,
-        name: str,
-        body: CadBody,
-        exact: tuple[ExactForm, Transform] | None,
-        corners: Corners,
-    ) -> _Gathered:
-        """Return the type of a body that is like no other so far."""
-        form: ExactForm | None = None
-        if exact is None:
-            low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
-            frame = translation(*(0.5 * (low + high)))
-            pose = body.pose @ frame
-        else:
-            form, pose = exact[0].aligned(body.pose @ exact[1])
-            frame = inverse(body.pose) @ pose
-        return cls(form, corners, frame, [Placed(name, body, pose)])
-
-    def pose_in(
-        self,
-        body: CadBody,
-        exact: tuple[ExactForm, Transform] | None,
-        corners: Corners,
+    def pose_at(
+        self, body: CadBody, exact: tuple[ExactForm, Transform] | None
     ) -> Transform | None:
         """Return the pose of the type's frame in the assembly at which it is a body; None if it is of another type."""
         if self.placed[0].body.colour != body.colour:
             return None
-        if self.form is None or exact is None:
-            if self.form is not None or exact is not None:
-                return None
-            same = self.corners.pose_of(corners)
+        if self.form is None and exact is None:
+            same = pose_of(self.placed[0].body, body)
             return None if same is None else body.pose @ same @ self.frame
-        form, frame = exact
-        turned = self.form.match(form, ALIKE)
-        if turned is None:
+        if self.form is None or exact is None:
             return None
-        return self.form.upright(body.pose @ frame @ turned)
+        pose = self.form.match(exact[0], ALIKE)
+        return pose if pose is None else self.form.upright(body.pose @ exact[1] @ pose)
+
+
+def sort_by_shape(bodies: Sequence[CadBody]) -> list[PartType]:
+    """Return the types of the bodies of an assembly, in the order of the file."""
+    names = unique_names(readable_name(body.names) for body in bodies)
+    found: list[PartType] = []
+    for name, body in zip(names, bodies, strict=True):
+        exact = exact_form(body)
+        poses = ((own, own.pose_at(body, exact)) for own in found)
+        known, pose = next((p for p in poses if p[1] is not None), (None, None))
+        if known is None or pose is None:
+            low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
+            form: ExactForm | None = None
+            pose = body.pose @ translation(*(0.5 * (low + high)))
+            if exact is not None:
+                form, pose = exact[0], body.pose @ exact[1]
+                if isinstance(form, BoxForm):
+                    form, pose = form.aligned(pose)
+                else:
+                    pose = form.upright(pose)
+            frame = inverse(body.pose) @ pose
+            known = PartType(readable_name(body.names), form, frame, [])
+            found.append(known)
+        known.placed.append(Placed(name, body, pose))
+    return with_unique_names(found)
+
+
+def with_unique_names(
+    types: Iterable[PartType], taken: Iterable[str] = ()
+) -> list[PartType]:
+    """Return types with names that are different, and none of those that are taken."""
+    known = list(types)
+    names = unique_names([own.name for own in known], taken)
+    return [replace(own, name=name) for own, name in zip(known, names, strict=True)]
 
 
 def readable_name(names: Iterable[str]) -> str:
@@ -190,17 +161,13 @@ def _decoded(name: str) -> str:
         return name
 
 
-def unique_names(
-    names: Iterable[str], taken: Mapping[str, object] | None = None
-) -> list[str]:
+def unique_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     """Return the names with ``_2``, ``_3`` and so on behind those that were there before."""
     out: list[str] = []
-    used = {name.lower() for name in taken or ()}
+    used = {name.lower() for name in taken}
     for name in names:
-        own, number = name, 1
-        while own.lower() in used:
-            number += 1
-            own = f"{name}_{number}"
+        others = (f"{name}_{number}" for number in count(2))
+        own = next(n for n in chain([name], others) if n.lower() not in used)
         used.add(own.lower())
         out.append(own)
     return out

@@ -43,17 +43,15 @@ _SCHEMAS = (
 def check_step_text(path: Path, content: bytes) -> None:
     """Raise an error if a file is no STEP file, is cut off, or has entities that are missing or given twice.
 
-    Args:
-        path: of the file, for messages.
-        content: of the file.
-
     Raises:
         RequestError: with file and line.
     """
-    for problem in _problems(content):
-        place, words = problem
-        line = content.count(b"\n", 0, place) + 1
-        raise RequestError(f"{path}:{line}:1: {words}")
+    for place, words in _problems(content):
+        raise RequestError(f"{path}:{_line(content, place)}:1: {words}")
+
+
+def _line(content: bytes, place: int) -> int:
+    return content.count(b"\n", 0, place) + 1
 
 
 def _problems(content: bytes) -> Iterator[tuple[int, str]]:
@@ -68,23 +66,38 @@ def _problems(content: bytes) -> Iterator[tuple[int, str]]:
     if schema is None:
         yield content.find(b"HEADER"), "the header has no FILE_SCHEMA"
     elif not schema[1].strip().upper().startswith(_SCHEMAS):
-        name = schema[1].decode("ascii", "replace")[:60]
+        words = f"schema {_shown(schema[1])} is not known: export it as AP203, AP214"
+        yield schema.start(1), f"{words} or AP242"
+    if not content.rstrip().endswith(_LAST):
+        words = "the file is cut off: it does not end with END-ISO-10303-21;"
+        yield len(content.rstrip()), words
+    defined: dict[int, int] = {}
+    used: dict[int, int] = {}
+    for place, number, owner in _entities(content):
+        if owner is not None:
+            used.setdefault(number, place)
+        elif number in defined:
+            first = f"first in line {_line(content, defined[number])}"
+            yield place, f"entity #{number} is given twice, {first}"
+        else:
+            defined[number] = place
+    if not defined:
         yield (
-            schema.start(1),
-            f"schema {name!r} is not known: export it as AP203, AP214 or AP242",
+            max(content.find(b"DATA"), 0),
+            "the file has no entities in its DATA section",
         )
-    last = content.rstrip()
-    if not last.endswith(_LAST):
-        yield len(last), "the file is cut off: it does not end with END-ISO-10303-21;"
-    yield from _entity_problems(content)
+    for number, place in used.items():
+        if number not in defined:
+            yield place, f"entity #{number} is not in the file"
     for point in _POINT.finditer(content):
         for text in point[1].split(b","):
             if not _is_plausible(text):
-                words = text.strip().decode("ascii", "replace")[:40]
-                yield (
-                    point.start(),
-                    f"coordinate {words!r} is no number up to {_FARTHEST:g}",
-                )
+                words = f"coordinate {_shown(text)} is no number up to {_FARTHEST:g}"
+                yield point.start(), words
+
+
+def _shown(text: bytes) -> str:
+    return repr(text.strip().decode("ascii", "replace")[:60])
 
 
 def _is_plausible(text: bytes) -> bool:
@@ -94,65 +107,34 @@ def _is_plausible(text: bytes) -> bool:
         return False
 
 
-def circle_of_entities(content: bytes) -> str | None:
-    """Return in words the first entity that refers to itself, directly or by others; None if there is none."""
-    places: dict[int, int] = {}
-    edges: list[tuple[int, int]] = []
-    own = None
+def _entities(content: bytes) -> Iterator[tuple[int, int, int | None]]:
+    """Yield place and number of each entity that is given or referred to, and by which; None where it is given."""
+    in_data, owner = False, 0
     for token in _TOKENS.finditer(content):
-        if token["number"] is None:
-            continue
-        number = int(token["number"])
-        if token["defined"] is not None:
-            own = number
-            places.setdefault(number, token.start())
-        elif own is not None:
-            edges.append((own, number))
-    graph: nx.DiGraph[int] = nx.DiGraph(edges)
-    circle = next(
-        (
-            part
-            for part in nx.strongly_connected_components(graph)
-            if len(part) > 1 or graph.has_edge(*2 * tuple(part))
-        ),
-        None,
-    )
-    if circle is None:
-        return None
-    first = min(circle, key=lambda number: places.get(number, 0))
-    line = content.count(b"\n", 0, places.get(first, 0)) + 1
-    return f"{line}:1: entity #{first} refers to itself" + (
-        f", by {len(circle) - 1} others" if len(circle) > 1 else ""
-    )
-
-
-def _entity_problems(content: bytes) -> Iterator[tuple[int, str]]:
-    defined: dict[int, int] = {}
-    used: dict[int, int] = {}
-    in_data = False
-    for token in _TOKENS.finditer(content):
-        kind = token.lastgroup
-        if kind == "data":
-            in_data = True
-        elif kind == "end":
-            in_data = False
+        if token.lastgroup in ("data", "end"):
+            in_data = token.lastgroup == "data"
         elif in_data and token["number"] is not None:
             number = int(token["number"])
-            if token["defined"] is None:
-                used.setdefault(number, token.start())
-            elif number in defined:
-                line = content.count(b"\n", 0, defined[number]) + 1
-                yield (
-                    token.start(),
-                    f"entity #{number} is given twice, first in line {line}",
-                )
+            if token["defined"] is not None:
+                owner = number
+                yield token.start(), number, None
             else:
-                defined[number] = token.start()
-    if not defined:
-        yield (
-            max(content.find(b"DATA"), 0),
-            "the file has no entities in its DATA section",
-        )
-    for number, place in used.items():
-        if number not in defined:
-            yield place, f"entity #{number} is not in the file"
+                yield token.start(), number, owner
+
+
+def place_of_circle(path: Path, content: bytes) -> str:
+    """Return a file, with line and entity where one refers to itself, directly or by others."""
+    places: dict[int, int] = {}
+    graph: nx.DiGraph[int] = nx.DiGraph()
+    for place, number, owner in _entities(content):
+        if owner is None:
+            places.setdefault(number, place)
+        else:
+            graph.add_edge(owner, number)
+    for part in nx.strongly_connected_components(graph):
+        if len(part) > 1 or graph.has_edge(*2 * tuple(part)):
+            first = min(part, key=lambda number: places.get(number, 0))
+            others = f", by {len(part) - 1} others" if len(part) > 1 else ""
+            line = _line(content, places.get(first, 0))
+            return f"{path}:{line}:1: entity #{first} refers to itself{others}"
+    return str(path)

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
 
-from planning.disassembly.blocking import Blocking, frame_along
+from planning.disassembly.blocking import Blocking
 from planning.disassembly.body import AssemblyBody
 from planning.disassembly.directions import (
     different,
@@ -26,13 +28,13 @@ from planning.disassembly.directions import (
 from planning.disassembly.fits import BodyFit, find_fits
 from planning.disassembly.standing_states import BodyHold, StandingStates
 from planning.disassembly.surface_contacts import surface_contacts
-from planning.errors import RequestError, TwinError
+from planning.errors import RequestError, TwinError, format_names
 from planning.statics.standing_rules import StandingRules
-from planning.transforms import Array
+from planning.transforms import Array, frame_along
 
 UP = (0.0, 0.0, 1.0)
 
-TOUCH = 5e-4
+_TOUCH = 5e-4
 """Distance up to which faces touch [m]."""
 
 _NEAR = 1e-3
@@ -62,12 +64,10 @@ class InterlockedError(TwinError):
     ) -> None:
         self.bodies, self.blocking = tuple(bodies), tuple(blocking)
         self.directions = tried
-        pairs = ", ".join(f"{a} blocks {b}" for a, b in self.blocking[:_MOST_PAIRS])
-        if (more := len(self.blocking) - _MOST_PAIRS) > 0:
-            pairs += f", and {more} more"
+        pairs = [f"{a} blocks {b}" for a, b in self.blocking]
         super().__init__(
             f"{', '.join(bodies)} hold each other: along none of {tried} directions can one, or"
-            f" several as one, be moved out straight ({pairs}); split one of them, or export"
+            f" several as one, be moved out straight ({format_names(pairs, _MOST_PAIRS)}); split one of them, or export"
             " them as one body"
         )
 
@@ -110,12 +110,7 @@ class AssemblyPlan:
 
 
 def plan_assembly(
-    bodies: Sequence[AssemblyBody],
-    base: str,
-    *,
-    up: Sequence[float] = UP,
-    touch_m: float = TOUCH,
-    rules: StandingRules | None = None,
+    bodies: Sequence[AssemblyBody], base: str, *, up: Sequence[float] = UP
 ) -> AssemblyPlan:
     """Return an order and straight insertions of the bodies of an assembly.
 
@@ -123,8 +118,6 @@ def plan_assembly(
         bodies: in their places, with different names.
         base: name of the one that is there first.
         up: direction against gravity in the frame of the assembly.
-        touch_m: distance up to which faces touch, so that a part rests on another.
-        rules: friction and tilt of gravity, of bodies at rest.
 
     Raises:
         ShapeError: a mesh cannot be used, or two bodies overlap.
@@ -141,17 +134,12 @@ def plan_assembly(
         )
     if base not in names:
         raise RequestError(f"there is no body {base}", choices=tuple(names))
-    search = _Disassembly(
-        bodies,
-        np.array(up, dtype=float) / np.linalg.norm(up),
-        touch_m,
-        rules or StandingRules(),
-    )
-    return replace(search.plan(names, base), fits=search.fits())
+    search = _Disassembly(bodies, np.array(up, dtype=float) / np.linalg.norm(up))
+    fits = find_fits(search.blocking, search.patches)
+    return replace(search.plan(names, base), fits=fits)
 
 
-@dataclass(frozen=True, eq=False)
-class _Removal:
+class _Removal(NamedTuple):
     """Bodies that are moved out as one, and the direction."""
 
     bodies: tuple[str, ...]
@@ -161,30 +149,19 @@ class _Removal:
 class _Disassembly:
     """Takes bodies apart, in thought."""
 
-    def __init__(
-        self,
-        bodies: Sequence[AssemblyBody],
-        up: Array,
-        touch: float,
-        rules: StandingRules,
-    ) -> None:
-        self._blocking = Blocking(bodies)
-        self._up, self._rules = up, rules
+    def __init__(self, bodies: Sequence[AssemblyBody], up: Array) -> None:
+        self.blocking = Blocking(bodies)
+        self._up = up
         self._bodies = {body.name: body for body in bodies}
-        self._patches = surface_contacts(self._blocking, touch)
-        names = self._blocking.names
-        surfaces = self._blocking.surfaces
+        self.patches = surface_contacts(self.blocking, _TOUCH)
+        names, near = self.blocking.names, self.blocking.near
+        surfaces = self.blocking.surfaces
         own = {name: face_directions(surfaces[name]) for name in names}
-        beside = {
-            name: [
-                n for n in names if n != name and self._blocking.near(name, n, _NEAR)
-            ]
-            for name in names
-        }
-        self._directions = {
-            name: self._sorted([*own[name], *most_common(own[n] for n in others)])
-            for name, others in beside.items()
-        }
+        self._directions = {}
+        for name in names:
+            beside = (own[n] for n in names if n != name and near(name, n, _NEAR))
+            found = self._sorted([*own[name], *most_common(beside)])
+            self._directions[name] = found
         self._common = self._sorted(most_common(own.values()))
         self._all = different([*self._common, *spread_directions()])
         self._height = {n: float((s.vertices @ up).max()) for n, s in surfaces.items()}
@@ -200,12 +177,11 @@ class _Disassembly:
 
     def plan(self, names: Collection[str], base: str) -> AssemblyPlan:
         """Return how some of the bodies are put together, however the others are."""
-        frame = frame_along(self._up)
-        own = {name: self._bodies[name] for name in names}
-        rules = self._rules
-        if len(own) > _MOST_TILTED:
+        frame, rules = frame_along(self._up), StandingRules()
+        if len(names) > _MOST_TILTED:
             rules = replace(rules, tilt=0.0)
-        states = StandingStates(own, self._patches, base, frame, rules)
+        own = [self._bodies[name] for name in names]
+        states = StandingStates(own, self.patches, base, frame, rules)
         remaining = dict.fromkeys(names)
         removed: list[_Removal] = []
         while len(remaining) > 1:
@@ -223,12 +199,12 @@ class _Disassembly:
             later = {n for m in nx.descendants(order, k) for n in groups[m]}
             there = [n for n in names if n not in later and n not in removal.bodies]
             length = max(
-                self._blocking.clear_length(name, there, removal.direction)
+                self.blocking.clear_length(name, there, removal.direction)
                 for name in removal.bodies
             )
             inner = None
             if len(removal.bodies) > 1:
-                first = max(removal.bodies, key=lambda name: self._volume[name])
+                first = max(removal.bodies, key=self._volume.__getitem__)
                 inner = self.plan(removal.bodies, first)
             x, y, z = (-removal.direction + 0.0).tolist()
             after = tuple(n for m in sorted(needed.predecessors(k)) for n in groups[m])
@@ -237,15 +213,11 @@ class _Disassembly:
             )
         return AssemblyPlan(base, tuple(steps), holds=holds)
 
-    def fits(self) -> tuple[BodyFit, ...]:
-        """Return the fits of all bodies."""
-        return find_fits(self._blocking, self._patches)
-
     def _removable(
         self, remaining: Mapping[str, None], base: str, states: StandingStates
     ) -> _Removal:
         """Return what is removed next: what leaves the rest standing, upwards where possible, the highest first."""
-        found: list[tuple[float, float, _Removal]] = []
+        found: list[tuple[float, float, str, Array]] = []
         for directions in (self._directions, dict.fromkeys(remaining, self._all)):
             for name in remaining:
                 if name == base:
@@ -253,32 +225,31 @@ class _Disassembly:
                 free = self._free(name, remaining, directions[name])
                 if (direction := next(free, None)) is not None:
                     steep = round(float(direction @ self._up), 6)
-                    removal = _Removal((name,), direction)
-                    found.append((steep, self._height[name], removal))
+                    found.append((steep, self._height[name], name, direction))
             if found:
                 break
         if not found:
             return self._sub_assembly(remaining, base)
         found.sort(key=lambda item: item[:2], reverse=True)
-        enough = states.falling(remaining)
-        best, least = found[0][2], len(remaining)
-        for *_, removal in found:
-            falling = states.falling(remaining.keys() - set(removal.bodies))
+        enough, least = states.falling(remaining), len(remaining)
+        *_, best, along = found[0]
+        for *_, name, direction in found:
+            falling = states.falling(remaining.keys() - {name})
             if falling < least:
-                best, least = removal, falling
+                best, along, least = name, direction, falling
             if falling <= enough:
                 break
-        return self._shortest(best, remaining)
+        return self._shortest(best, along, remaining)
 
-    def _shortest(self, removal: _Removal, remaining: Mapping[str, None]) -> _Removal:
+    def _shortest(
+        self, name: str, along: Array, remaining: Mapping[str, None]
+    ) -> _Removal:
         """Return the removal of a body along the direction as steep as the given one that is clear soonest."""
-        (name,), steep = removal.bodies, float(removal.direction @ self._up)
         others = [other for other in remaining if other != name]
-        even = [
-            d for d in self._directions[name] if abs(float(d @ self._up) - steep) < 1e-6
-        ]
-        free = list(self._free(name, remaining, even)) or [removal.direction]
-        lengths = [self._blocking.clear_length(name, others, d) for d in free]
+        up, own = self._up, self._directions[name]
+        even = [d for d in own if abs(float(d @ up) - float(along @ up)) < 1e-6]
+        free = list(self._free(name, remaining, even)) or [along]
+        lengths = [self.blocking.clear_length(name, others, d) for d in free]
         return _Removal((name,), free[int(np.round(lengths, 4).argmin())])
 
     def _free(
@@ -289,18 +260,12 @@ class _Disassembly:
             key = name, direction.tobytes()
             if self._witness.get(key) in remaining:
                 continue
-            found = next(
-                (
-                    other
-                    for other in remaining
-                    if other != name and self._blocking.blocks(other, name, direction)
-                ),
-                None,
-            )
-            if found is None:
-                yield direction
+            for other in remaining:
+                if other != name and self.blocking.blocks(other, name, direction):
+                    self._witness[key] = other
+                    break
             else:
-                self._witness[key] = found
+                yield direction
 
     def _graph(self, names: Iterable[str], direction: Array) -> nx.DiGraph[str]:
         """Return the graph with an edge from each body to those that are in its way."""
@@ -308,9 +273,8 @@ class _Disassembly:
         graph.add_nodes_from(names)
         graph.add_edges_from(
             (one, other)
-            for one in graph
-            for other in graph
-            if one != other and self._blocking.blocks(other, one, direction)
+            for one, other in permutations(graph, 2)
+            if self.blocking.blocks(other, one, direction)
         )
         return graph
 
@@ -341,29 +305,22 @@ class _Disassembly:
                 nx.is_strongly_connected(graph.subgraph(rest)) for graph in graphs
             ):
                 names = rest
-        pairs = {
+        pairs = [
             (other, one)
-            for graph in graphs
-            for one, other in graph.subgraph(names).edges
-            if self._blocking.near(one, other, _NEAR)
-        }
-        rank = {name: k for k, name in enumerate(names)}
-        ordered = sorted(pairs, key=lambda pair: (rank[pair[0]], rank[pair[1]]))
-        return InterlockedError(names, ordered, len(self._all))
+            for other, one in permutations(names, 2)
+            if self.blocking.near(one, other, _NEAR)
+            and any(graph.has_edge(one, other) for graph in graphs)
+        ]
+        return InterlockedError(names, pairs, len(self._all))
 
     def _precedence(self, removed: Sequence[_Removal]) -> nx.DiGraph[int]:
         """Return which insertions must come before which, as the former could not be done after the latter."""
         graph: nx.DiGraph[int] = nx.DiGraph()
         graph.add_nodes_from(range(len(removed)))
-        for k, removal in enumerate(removed):
-            graph.add_edges_from(
-                (k, m)
-                for m, others in enumerate(removed)
-                if m != k
-                and any(
-                    self._blocking.blocks(other, name, removal.direction)
-                    for name in removal.bodies
-                    for other in others.bodies
-                )
-            )
+        for (k, (own, direction)), (m, (others, _)) in permutations(
+            enumerate(removed), 2
+        ):
+            pairs = product(others, own)
+            if any(self.blocking.blocks(*pair, direction) for pair in pairs):
+                graph.add_edge(k, m)
         return graph

@@ -5,7 +5,7 @@ the direction than it: on a common line. So it is enough to compare the rear fac
 of the other in the projection along the direction. There are no steps along the path, and nothing passes between them.
 The result for a pair of bodies does not depend on which others are there.
 
-Both bodies are reduced first (``reduced_surface``), such that contacts do not count. Pairs that overlap in the finished
+Both bodies are reduced first (``body``), such that contacts do not count. Pairs that overlap in the finished
 assembly, such as a press fit, a modelled thread, or a pin in a coarsely tessellated bore of its own diameter, are
 reduced further, until they do not.
 """
@@ -19,8 +19,7 @@ import numpy as np
 
 from planning.caches import BoundedCache
 from planning.contacts.surface_depth import winding_number
-from planning.disassembly.body import AssemblyBody
-from planning.disassembly.reduced_surface import surface_of
+from planning.disassembly.body import AssemblyBody, surface_of
 from planning.disassembly.triangle_tree import (
     TriangleView,
     greatest_rise,
@@ -28,7 +27,7 @@ from planning.disassembly.triangle_tree import (
     view_of,
 )
 from planning.errors import ShapeError
-from planning.transforms import Array
+from planning.transforms import Array, frame_along
 
 REDUCTION = 1e-5
 """How much smaller bodies are taken to be, on all sides: the slack of contacts is twice this [m]."""
@@ -50,10 +49,7 @@ _MOST_SEEN = 6_000_000
 
 
 class Blocking:
-    """Bodies of a finished assembly, and which are in the way of which others.
-
-    Args:
-        bodies: with different names.
+    """Bodies of a finished assembly, with different names, and which are in the way of which others.
 
     Raises:
         ShapeError: a surface cannot be used, or two bodies overlap too deeply.
@@ -82,40 +78,24 @@ class Blocking:
         return bool(np.all(low <= most + within) and np.all(least <= high + within))
 
     def blocks(self, other: str, body: str, direction: Array) -> bool:
-        """Return whether one body is in the way of another that leaves along a direction.
-
-        Args:
-            other: what may be in the way.
-            body: what leaves, straight and however far.
-            direction: unit vector, shape (3,).
-        """
+        """Return whether one body is in the way of another that leaves along a unit vector, straight and however far."""
         # The other one, moved the opposite way, meets the body likewise.
-        low = direction[np.flatnonzero(np.abs(direction) > 1e-9)[0]] < 0.0
-        if low:
+        if direction[np.flatnonzero(np.abs(direction) > 1e-9)[0]] < 0.0:
             return self.blocks(body, other, -direction)
         key = other, body, np.round(direction, 9).tobytes()
         if key not in self._known:
             by = 0.5 * self.pressed.get(frozenset((other, body)), 2.0 * REDUCTION)
-            self._known[key] = self._meets(body, other, direction, by)
+            rear = self._view(body, direction, by, front=False)
+            front = self._view(other, direction, by, front=True)
+            self._known[key] = rises_above(rear, front)
         return self._known[key]
 
     def clear_length(self, body: str, others: Iterable[str], direction: Array) -> float:
-        """Return the length of a free straight motion after which a body stays clear of others [m].
-
-        Args:
-            body: what leaves.
-            others: what is there and not in its way.
-            direction: unit vector along which it leaves, shape (3,).
-        """
+        """Return the length of a free straight motion along a unit vector after which a body stays clear of others [m]."""
         rear = self._view(body, direction, 0.0, front=False)
         fronts = (self._view(o, direction, 0.0, front=True) for o in others)
         rises = (greatest_rise(rear, front, CLEAR) for front in fronts)
         return max(rises, default=0.0) + CLEAR
-
-    def _meets(self, body: str, other: str, direction: Array, by: float) -> bool:
-        rear = self._view(body, direction, by, front=False)
-        front = self._view(other, direction, by, front=True)
-        return rises_above(rear, front)
 
     def _find_press(self, first: str, second: str) -> None:
         """Note by how much two bodies overlap, if they do."""
@@ -127,10 +107,10 @@ class Blocking:
             by *= 2.0
             self.pressed[frozenset((first, second))] = 2.0 * by
             if deep or 2.0 * by > DEEPEST_PRESS:
+                deepest = f"more than {1e3 * DEEPEST_PRESS:.2f} mm where they belong"
                 raise ShapeError(
-                    f"{first} and {second} are in each other by more than"
-                    f" {1e3 * DEEPEST_PRESS:.2f} mm where they belong: correct their places or"
-                    " shapes, or export them as one body"
+                    f"{first} and {second} are in each other by {deepest}: correct their"
+                    " places or shapes, or export them as one body"
                 )
 
     def _contains(self, outer: str, inner: str) -> bool:
@@ -145,10 +125,8 @@ class Blocking:
     def _crosses(self, first: str, second: str, by: float) -> bool:
         """Return whether two bodies overlap that are made smaller."""
         # Not by the same distance: surfaces in one plane would not cross each other.
-        one, other = (
-            self._view(name, _SKEW, share * by, front=None)
-            for name, share in ((first, 0.75), (second, 1.25))
-        )
+        one = self._view(first, _SKEW, 0.75 * by, front=None)
+        other = self._view(second, _SKEW, 1.25 * by, front=None)
         return rises_above(one, other, crosses=True)
 
     def _view(
@@ -168,10 +146,3 @@ class Blocking:
             return view_of(surface.tree, points, counts)
 
         return self._views.get(key, view)
-
-
-def frame_along(direction: Array) -> Array:
-    """Return a rotation whose third row is a direction, shape (3, 3)."""
-    across = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-    across /= np.linalg.norm(across)
-    return np.array([across, np.cross(direction, across), direction])

@@ -7,8 +7,8 @@ from itertools import combinations
 
 import numpy as np
 
-from planning.disassembly.reduced_surface import Surface
-from planning.transforms import Array
+from planning.disassembly.body import Surface
+from planning.transforms import Array, frame_along
 
 _DIGITS = 4
 """Directions that are equal in so many digits are one, which is within 0.03 mm over 300 mm."""
@@ -34,9 +34,7 @@ _SPREAD = 96
 
 def main_directions(up: Array) -> Array:
     """Return up, the directions perpendicular to it that are nearest to coordinate axes, and down, shape (6, 3)."""
-    across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    across /= np.linalg.norm(across)
-    side = np.cross(up, across)
+    across, side, _ = frame_along(up)
     return np.array([up, across, -across, side, -side, -up])
 
 
@@ -51,23 +49,24 @@ def face_directions(surface: Surface) -> Array:
     # Of a direction and its opposite, the one whose first coordinate that is not 0 is positive.
     first = signs[np.arange(len(signs)), (signs != 0.0).argmax(axis=1)]
     halves = surface.normals * first[:, None]
-    cells, number = np.unique(np.round(halves, 4), axis=0, return_inverse=True)
-    total = np.bincount(number.ravel(), area, len(cells))
+    _, number = np.unique(np.round(halves, 4), axis=0, return_inverse=True)
+    total = np.bincount(number.ravel(), area)
     largest = np.argsort(-total, kind="stable")[:_MOST_FACES]
     faces = [
-        halves[number.ravel() == k][area[number.ravel() == k].argmax()]
+        halves[np.where(number.ravel() == k, area, -1.0).argmax()]
         for k in largest
         if total[k] >= _LEAST_SHARE * area.sum()
     ]
-    axes = (np.cross(a, b) for a, b in combinations(faces, 2))
-    long = (axis for axis in axes if np.linalg.norm(axis) > _LEAST_SINE)
     if not faces:
         return np.empty((0, 3))
-    known = different([*faces, *(axis / np.linalg.norm(axis) for axis in long)])
+    axes = (np.cross(a, b) for a, b in combinations(faces, 2))
+    long = (
+        (axis, size) for axis in axes if (size := np.linalg.norm(axis)) > _LEAST_SINE
+    )
+    known = different([*faces, *(axis / size for axis, size in long)])
     beside = np.abs(surface.normals @ np.array(known).T) < 1e-3
     order = np.argsort(-(area @ beside), kind="stable")[:_MOST_AXES]
-    best = [known[k] for k in order]
-    return np.array(different([*best, *faces[:_MOST_AXES]]))
+    return np.array(different([*(known[k] for k in order), *faces[:_MOST_AXES]]))
 
 
 def most_common(directions: Iterable[Array]) -> list[Array]:

@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from planning.disassembly.blocking import DEEPEST_PRESS, Blocking
-from planning.disassembly.reduced_surface import Surface
+from planning.disassembly.body import Surface
 from planning.disassembly.surface_contacts import Patches
 from planning.statics.contact_patch import ContactPatch
-from planning.transforms import Array, Indices
+from planning.transforms import Array, Indices, frame_along
 
 LOOSEST = 5e-4
 """Greatest clearance of a fit [m]."""
@@ -65,7 +63,7 @@ class BodyFit:
 
 @dataclass(frozen=True)
 class _Round:
-    """Round surface of a body."""
+    """Round surface of a body, from a low to a high end along its axis."""
 
     axis: Array
     centre: Array
@@ -77,12 +75,7 @@ class _Round:
 
 
 def find_fits(blocking: Blocking, patches: Patches) -> tuple[BodyFit, ...]:
-    """Return the fits of all pairs of bodies.
-
-    Args:
-        blocking: the bodies.
-        patches: their contacts, of slots as far as their sides touch.
-    """
+    """Return the fits of all pairs of bodies, given their contacts, of slots as far as their sides touch."""
     rounds = {name: list(_rounds(own)) for name, own in blocking.surfaces.items()}
     found: dict[tuple[str, str, str, int], BodyFit] = {}
     for inner, outer in permutations(blocking.names, 2):
@@ -100,8 +93,8 @@ def find_fits(blocking: Blocking, patches: Patches) -> tuple[BodyFit, ...]:
                 key = inner, outer, "pin", round(pin.radius * 1e6)
                 fit = BodyFit("pin in bore", (inner, outer), play, off)
                 found.setdefault(key, fit)
-        own = patches.get((inner, outer)) or patches.get((outer, inner), ())
         sign = 1.0 if (inner, outer) in patches else -1.0
+        own = patches.get((inner, outer) if sign > 0.0 else (outer, inner), ())
         for play, normal in _slots(own, sign):
             if all(abs(float(pin.axis @ normal)) > _BESIDE for pin, _ in pairs):
                 key = inner, outer, "slot", round(play * 1e6)
@@ -118,15 +111,13 @@ def find_fits(blocking: Blocking, patches: Patches) -> tuple[BodyFit, ...]:
 
 def _is_inside(pin: _Round, bore: _Round) -> bool:
     """Return whether a pin is in a bore, on its axis as far as its play tells."""
-    play = bore.radius - pin.radius
-    if not -DEEPEST_PRESS < play < _LOOSE:
-        return False
-    if abs(float(pin.axis @ bore.axis)) < 1.0 - _PARALLEL**2:
+    play, cosine = bore.radius - pin.radius, float(pin.axis @ bore.axis)
+    if not -DEEPEST_PRESS < play < _LOOSE or abs(cosine) < 1.0 - _PARALLEL**2:
         return False
     between = pin.centre - bore.centre
     along = float(between @ bore.axis)
     off = float(np.linalg.norm(between - along * bore.axis))
-    ends = sorted(float(pin.axis @ bore.axis) * z for z in (pin.low, pin.high))
+    ends = sorted(cosine * z for z in (pin.low, pin.high))
     deep = min(bore.high, along + ends[1]) - max(bore.low, along + ends[0])
     return off < abs(play) + 1e-4 and deep > 0.0
 
@@ -135,24 +126,18 @@ def _slots(
     patches: tuple[ContactPatch, ...], sign: float
 ) -> Iterator[tuple[float, Array]]:
     """Yield the clearance, and the normal, of pairs of faces between which the inner body is."""
-    for k, one in enumerate(patches):
-        for other in patches[k + 1 :]:
-            if float(one.normal @ other.normal) > _PARALLEL**2 - 1.0:
-                continue
-            normal = sign * one.normal
-            if (
-                float((one.points.mean(axis=0) - other.points.mean(axis=0)) @ normal)
-                <= 0
-            ):
-                continue
-            play = 0.5 * (one.gap + other.gap)
-            if play < LOOSEST and _overlap(one, other):
-                yield play, normal
+    for one, other in combinations(patches, 2):
+        normal, play = sign * one.normal, 0.5 * (one.gap + other.gap)
+        between = one.points.mean(axis=0) - other.points.mean(axis=0)
+        opposite = float(one.normal @ other.normal) <= _PARALLEL**2 - 1.0
+        faces = opposite and between @ normal > 0.0 and _overlap(one, other)
+        if faces and play < LOOSEST:
+            yield play, normal
 
 
 def _overlap(one: ContactPatch, other: ContactPatch) -> bool:
     """Return whether two contacts are opposite each other, at least in part."""
-    across = np.linalg.svd(one.normal[None, :])[2][1:]
+    across = frame_along(one.normal)[:2]
     a, b = one.points @ across.T, other.points @ across.T
     low = np.maximum(a.min(axis=0), b.min(axis=0))
     return bool(np.all(low < np.minimum(a.max(axis=0), b.max(axis=0))))
@@ -160,14 +145,11 @@ def _overlap(one: ContactPatch, other: ContactPatch) -> bool:
 
 def _rounds(surface: Surface) -> Iterator[_Round]:
     """Yield the round surfaces of a body: smooth parts that are cylinders, all around."""
-    smooth = surface.bends < _SMOOTH
-    one, other = surface.pairs[smooth].T
-    size = len(surface.faces)
-    links = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
-    count, label = connected_components(links, directed=False)
-    order = np.argsort(label, kind="stable")
-    for own in np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1]):
-        if len(own) >= 8 and (found := _round(surface, own)) is not None:
+    from trimesh.graph import connected_components
+
+    smooth = surface.pairs[surface.bends < _SMOOTH]
+    for own in connected_components(smooth, min_len=8):
+        if (found := _round(surface, own)) is not None:
             yield found
 
 
@@ -177,7 +159,7 @@ def _round(surface: Surface, own: Indices) -> _Round | None:
     axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
     if np.abs(normals @ axis).max() > _BESIDE:
         return None
-    across = np.linalg.svd(axis[None, :])[2][1:]
+    across = frame_along(axis)[:2]
     points = corners.reshape(-1, 3)
     flat = points @ across.T
     rows = np.column_stack([2.0 * flat, np.ones(len(flat))])
@@ -194,6 +176,5 @@ def _round(surface: Surface, own: Indices) -> _Round | None:
     heights = points @ axis
     middle = corners.mean(axis=1) - centre
     hollow = float(np.einsum("nx,nx->", normals @ across.T, middle @ across.T)) < 0.0
-    return _Round(
-        axis, centre, radius, off, float(heights.min()), float(heights.max()), hollow
-    )
+    low, high = float(heights.min()), float(heights.max())
+    return _Round(axis, centre, radius, off, low, high, hollow)

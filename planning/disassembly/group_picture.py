@@ -13,12 +13,7 @@ _MM = 1000.0
 
 
 def draw_bodies(bodies: Sequence[AssemblyBody], names: Collection[str]) -> bytes:
-    """Return a picture of some bodies, each in its colour, as PNG.
-
-    Args:
-        bodies: of the assembly.
-        names: of those in colour, such as ``InterlockedError.bodies``.
-    """
+    """Return a picture of the bodies of some names, such as ``InterlockedError.bodies``, each in its colour, as PNG."""
     from matplotlib import colormaps
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import networkx as nx
@@ -36,8 +36,8 @@ class StandingStates:
     """Statics of some bodies of an assembly, one of which is the ground.
 
     Args:
-        bodies: by name.
-        patches: contacts of all of them, and maybe of others.
+        bodies: all of them.
+        patches: their contacts, and maybe those of others.
         base: name of the one that does not move.
         frame: rotation of the frame of the assembly such that its third axis is up, shape (3, 3).
         rules: friction and tilt.
@@ -45,21 +45,20 @@ class StandingStates:
 
     def __init__(
         self,
-        bodies: Mapping[str, AssemblyBody],
+        bodies: Iterable[AssemblyBody],
         patches: Patches,
         base: str,
         frame: Array,
         rules: StandingRules,
     ) -> None:
-        placed = {name: _placed(body, frame) for name, body in bodies.items()}
+        placed = {body.name: _placed(body, frame) for body in bodies}
         contacts = {}
-        for (first, second), own in patches.items():
-            if first in bodies and second in bodies:
-                flip = second == base
-                pair = (second, first) if flip else (first, second)
-                sign = -1.0 if flip else 1.0
+        for pair, own in patches.items():
+            if placed.keys() >= {*pair}:
+                # The second is a body that moves.
+                turn, pair = (-frame, pair[::-1]) if pair[1] == base else (frame, pair)
                 contacts[pair] = tuple(
-                    ContactPatch(p.points @ frame.T, sign * frame @ p.normal, p.gap)
+                    ContactPatch(p.points @ frame.T, turn @ p.normal, p.gap)
                     for p in own
                 )
         ground = {base: placed.pop(base)}
@@ -84,11 +83,7 @@ class StandingStates:
         return found
 
     def holds(self, groups: Sequence[tuple[str, ...]]) -> tuple[BodyHold, ...]:
-        """Return what has to be held while bodies are inserted in an order.
-
-        Args:
-            groups: names of the bodies of each step.
-        """
+        """Return what has to be held while bodies are inserted in an order, given those of each step."""
         there: list[str] = []
         since = {name: k for k, group in enumerate(groups) for name in group}
         held: dict[str, int] = {}
@@ -111,10 +106,7 @@ class StandingStates:
     ) -> set[tuple[int, int]]:
         """Return pairs of steps, the first before the second, with which every order stands as well.
 
-        Args:
-            groups: names of the bodies of each step, in an order that stands.
-            waits: such pairs that are known.
-            holds: what is held in that order.
+        Given are the bodies of each step in an order that stands, pairs that are known, and what is held in it.
         """
         until: dict[int, int] = {}
         for hold in holds:

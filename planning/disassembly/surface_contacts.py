@@ -6,11 +6,11 @@ from itertools import combinations
 
 import numpy as np
 
-from planning.disassembly.blocking import Blocking, frame_along
-from planning.disassembly.reduced_surface import Surface
+from planning.disassembly.blocking import Blocking
+from planning.disassembly.body import Surface
 from planning.disassembly.triangle_tree import contact_corners, view_of
 from planning.statics.contact_patch import ContactPatch
-from planning.transforms import Array
+from planning.transforms import Array, frame_along
 
 _SAME = 0.98
 """Least cosine of normals of faces that count as turned the same way."""
@@ -28,12 +28,7 @@ Patches = dict[tuple[str, str], tuple[ContactPatch, ...]]
 
 
 def surface_contacts(blocking: Blocking, touch: float) -> Patches:
-    """Return the contacts of all pairs of bodies.
-
-    Args:
-        blocking: the bodies.
-        touch: distance up to which surfaces that face each other touch [m].
-    """
+    """Return the contacts of all pairs of bodies, whose surfaces touch up to a distance [m]."""
     found = {}
     for first, second in combinations(blocking.names, 2):
         if blocking.near(first, second, touch):
@@ -48,13 +43,9 @@ def _patches(first: Surface, second: Surface, touch: float) -> tuple[ContactPatc
     out = []
     for normal in _normals_near(first, second, touch):
         frame = frame_along(normal)
-        lower, upper = (
-            view_of(s.tree, s.vertices @ frame.T, counts)
-            for s, counts in (
-                (first, first.normals @ normal > _SAME),
-                (second, second.normals @ normal < _FACING),
-            )
-        )
+        up, down = first.normals @ normal > _SAME, second.normals @ normal < _FACING
+        lower = view_of(first.tree, first.vertices @ frame.T, up)
+        upper = view_of(second.tree, second.vertices @ frame.T, down)
         corners = contact_corners(lower, upper, touch)
         if len(corners):
             points = corners[_outermost(corners)]

@@ -7,7 +7,7 @@ has as many triangles as any other; some triangles are there twice.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,12 +33,7 @@ _DEEPEST = 256
 
 @dataclass(frozen=True, eq=False)
 class TriangleTree:
-    """Order of the triangles of a surface, such that neighbours are in the same boxes.
-
-    Attributes:
-        order: numbers of triangles, leaf by leaf, shape (leaves, n).
-        corners: the vertices of these triangles, shape (leaves * n, 3).
-    """
+    """Numbers of the triangles of a surface, leaf by leaf, shape (leaves, n), and their vertices, shape (leaves * n, 3)."""
 
     order: Indices
     corners: Indices
@@ -59,9 +54,8 @@ def build_tree(vertices: Array, faces: Indices) -> TriangleTree:
     return TriangleTree(order, faces[order.ravel()])
 
 
-@dataclass(frozen=True, eq=False)
-class TriangleView:
-    """Triangles of a surface in a frame, with boxes around those that count.
+class TriangleView(NamedTuple):
+    """Triangles of a surface in a frame whose third axis is the height, with boxes around those that count.
 
     Attributes:
         points: vertices, shape (v, 3) [m].
@@ -80,39 +74,29 @@ def view_of(
     tree: TriangleTree, points: Array, counts: npt.NDArray[np.bool_]
 ) -> TriangleView:
     """Return the triangles of a tree, given its vertices in a frame, and which triangles count, shape (f,)."""
-    leaves, size = tree.order.shape
+    size = tree.order.shape[1]
     own = counts[tree.order.ravel()]
     triangles = points[tree.corners]
     low = np.where(own[:, None], triangles.min(axis=1), np.inf)
     high = np.where(own[:, None], triangles.max(axis=1), -np.inf)
-    rows = [
-        np.hstack(
-            [
-                low.reshape(leaves, size, 3).min(axis=1),
-                high.reshape(leaves, size, 3).max(axis=1),
-            ]
-        )
-    ]
+    rows = [_joined(np.hstack([low, high]), size)]
     while len(rows[-1]) > 1:
-        pair = rows[-1].reshape(-1, 2, 6)
-        rows.append(np.hstack([pair[..., :3].min(axis=1), pair[..., 3:].max(axis=1)]))
+        rows.append(_joined(rows[-1], 2))
     return TriangleView(points, tree.corners, own, np.vstack(rows[::-1]))
+
+
+def _joined(boxes: Array, size: int) -> Array:
+    """Return the boxes around so many boxes each."""
+    groups = boxes.reshape(-1, size, 6)
+    return np.hstack([groups[..., :3].min(axis=1), groups[..., 3:].max(axis=1)])
 
 
 def greatest_rise(lower: TriangleView, upper: TriangleView, room: float) -> float:
     """Return by how much one view rises above another, no less, where they are no farther apart than some room [m].
 
-    Triangles count as the boxes around them, which is exact for triangles of one height.
-
-    Args:
-        lower, upper: triangles in a frame whose third axis is the height.
-        room: across the height [m].
-
-    Returns:
-        0 if the upper one is nowhere higher.
+    Triangles count as the boxes around them, which is exact for triangles of one height. 0 if it is nowhere higher.
     """
-    out = np.empty((0, 4))
-    return float(_compare(*_arrays(lower), *_arrays(upper), room, np.inf, False, out))
+    return float(_compare(lower, upper, room, np.inf, False, np.empty((0, 4))))
 
 
 def rises_above(
@@ -120,60 +104,38 @@ def rises_above(
 ) -> bool:
     """Return whether a triangle of one view is somewhere higher than one of another in the same frame.
 
-    Args:
-        lower, upper: triangles in a frame whose third axis is the height.
-        crosses: whether the same two triangles must elsewhere be the other way about.
+    If it must cross that, the same two triangles are elsewhere the other way about.
     """
-    out = np.empty((0, 4))
-    views = *_arrays(lower), *_arrays(upper)
-    return bool(_compare(*views, 0.0, 0.0, crosses, out) > 0.0)
+    return bool(_compare(lower, upper, 0.0, 0.0, crosses, np.empty((0, 4))) > 0.0)
 
 
 def contact_corners(lower: TriangleView, upper: TriangleView, touch: float) -> Array:
-    """Return the corners of the overlaps of triangles that are close to each other along the height.
+    """Return the corners of the overlaps of triangles that are no farther apart, or deeper, along the height [m].
 
-    Args:
-        lower, upper: triangles in a frame whose third axis is the height.
-        touch: greatest distance, or depth, along the height [m].
-
-    Returns:
-        Places on the upper triangles, each with its height above the lower one, shape (n, 4) [m].
+    They are on the upper triangles, each with its height above the lower one, shape (n, 4) [m].
     """
-    room = _CORNERS
-    while True:
-        out = np.empty((room, 4))
-        views = *_arrays(lower), *_arrays(upper)
-        count = int(_compare(*views, 0.0, touch, False, out))
-        if count <= room:
-            return out[:count]
-        room = count
-
-
-def _arrays(view: TriangleView) -> tuple[Any, Any, Any, Any]:
-    return view.points, view.corners, view.counts, view.boxes
+    out = np.empty((_CORNERS, 4))
+    while (count := int(_compare(lower, upper, 0.0, touch, False, out))) > len(out):
+        out = np.empty((count, 4))
+    return out[:count]
 
 
 @kernel
 def _compare(
-    a_points: Array,
-    a_corners: Indices,
-    a_counts: Array,
-    a_boxes: Array,
-    b_points: Array,
-    b_corners: Indices,
-    b_counts: Array,
-    b_boxes: Array,
+    a: TriangleView,
+    b: TriangleView,
     room: float,
     enough: float,
     crosses: bool,
     found: Array,
 ) -> float:
     """Return the greatest height of b above a, or one that is more than enough; with room for corners, their number."""
+    a_boxes, b_boxes = a.boxes, b.boxes
     a_leaves, b_leaves = (len(a_boxes) + 1) // 2, (len(b_boxes) + 1) // 2
-    a_size, b_size = len(a_corners) // a_leaves, len(b_corners) // b_leaves
+    a_size, b_size = len(a.corners) // a_leaves, len(b.corners) // b_leaves
     stack = np.empty((_DEEPEST, 2), np.int64)
     first, second = np.empty((3, 3)), np.empty((3, 3))
-    work, other, out = np.empty((9, 3)), np.empty((9, 3)), np.empty(3)
+    work, other = np.empty((9, 3)), np.empty((9, 3))
     stack[0, 0], stack[0, 1] = 0, 0
     top, count, touches = 1, 0, len(found) > 0
     best = -enough if touches else CERTAIN
@@ -202,36 +164,32 @@ def _compare(
             continue
         for m in range((i - a_leaves + 1) * a_size, (i - a_leaves + 2) * a_size):
             for n in range((k - b_leaves + 1) * b_size, (k - b_leaves + 2) * b_size):
-                if not a_counts[m] or not b_counts[n]:
+                if not a.counts[m] or not b.counts[n]:
                     continue
                 for c in range(3):
                     for x in range(3):
-                        first[c, x] = a_points[a_corners[m, c], x]
-                        second[c, x] = b_points[b_corners[n, c], x]
+                        first[c, x] = a.points[a.corners[m, c], x]
+                        second[c, x] = b.points[b.corners[n, c], x]
                 if room > 0.0:
                     best = max(best, _rise_of_boxes(first, second, room))
                     continue
-                corners = _overlap(first, second, work, other, out)
-                if touches:
-                    for c in range(corners):
-                        if abs(other[c, 2]) <= enough:
-                            if count < len(found):
-                                found[count, 0], found[count, 1] = (
-                                    work[c, 0],
-                                    work[c, 1],
-                                )
-                                found[count, 2], found[count, 3] = (
-                                    work[c, 2],
-                                    other[c, 2],
-                                )
-                            count += 1
-                elif (
-                    corners > 0
-                    and out[1] > best
-                    and out[2] > _SLIVER
-                    and (not crosses or out[0] < -CERTAIN)
-                ):
-                    best = out[1]
+                corners = _overlap(first, second, work, other)
+                least, most, area = np.inf, -np.inf, 0.0
+                for c in range(corners):
+                    rise, after = other[c, 2], (c + 1) % corners
+                    least, most = min(least, rise), max(most, rise)
+                    area += (work[c, 0] - work[0, 0]) * (work[after, 1] - work[0, 1])
+                    area -= (work[c, 1] - work[0, 1]) * (work[after, 0] - work[0, 0])
+                    if touches and abs(rise) <= enough:
+                        if count < len(found):
+                            found[count, :3] = work[c]
+                            found[count, 3] = rise
+                        count += 1
+                is_seen = 0.5 * abs(area) > _SLIVER and (
+                    not crosses or least < -CERTAIN
+                )
+                if not touches and is_seen and most > best:
+                    best = most
                     if best > enough:
                         return float(best)
     if touches:
@@ -243,44 +201,32 @@ def _compare(
 def _rise_of_boxes(a: Array, b: Array, room: float) -> float:
     """Return how much higher than a the box around b reaches, 0 where they are farther apart across the height."""
     for x in range(2):
-        low = min(a[0, x], a[1, x], a[2, x]) - room
-        high = max(a[0, x], a[1, x], a[2, x]) + room
-        if (
-            min(b[0, x], b[1, x], b[2, x]) > high
-            or max(b[0, x], b[1, x], b[2, x]) < low
-        ):
+        low, high = a[:, x].min() - room, a[:, x].max() + room
+        if b[:, x].min() > high or b[:, x].max() < low:
             return 0.0
-    rise = max(b[0, 2], b[1, 2], b[2, 2]) - min(a[0, 2], a[1, 2], a[2, 2])
-    return float(rise)
+    return float(b[:, 2].max() - a[:, 2].min())
 
 
 @inner_kernel
-def _overlap(a: Array, b: Array, work: Array, other: Array, out: Array) -> int:
+def _overlap(a: Array, b: Array, work: Array, other: Array) -> int:
     """Compare the heights of two triangles where one is above the other.
 
     Args:
         a, b: corners, the third coordinate is the height, shape (3, 3) [m].
         work: takes the corners of the overlap, on b, shape (9, 3).
         other: takes their heights above a, in its third column, shape (9, 3).
-        out: takes the least and the greatest of these heights [m], and the area of the overlap, shape (3,).
 
     Returns:
         The number of corners, 0 for no overlap.
     """
-    ux, uy, vx, vy = (
-        a[1, 0] - a[0, 0],
-        a[1, 1] - a[0, 1],
-        a[2, 0] - a[0, 0],
-        a[2, 1] - a[0, 1],
-    )
+    ux, uy = a[1, 0] - a[0, 0], a[1, 1] - a[0, 1]
+    vx, vy = a[2, 0] - a[0, 0], a[2, 1] - a[0, 1]
     turn = ux * vy - uy * vx
     if turn == 0.0:
         return 0
     side = 1.0 if turn > 0.0 else -1.0
     count = 3
-    for k in range(3):
-        for x in range(3):
-            work[k, x] = b[k, x]
+    work[:3] = b
     for k in range(3):
         after = (k + 1) % 3
         ex, ey = side * (a[after, 0] - a[k, 0]), side * (a[after, 1] - a[k, 1])
@@ -305,17 +251,9 @@ def _overlap(a: Array, b: Array, work: Array, other: Array, out: Array) -> int:
                 work[n, x] = other[n, x]
         if count < 3:
             return 0
-    least, most, area = np.inf, -np.inf, 0.0
     for n in range(count):
         px, py = work[n, 0] - a[0, 0], work[n, 1] - a[0, 1]
         s, t = (px * vy - py * vx) / turn, (ux * py - uy * px) / turn
         below = a[0, 2] + s * (a[1, 2] - a[0, 2]) + t * (a[2, 2] - a[0, 2])
         other[n, 2] = work[n, 2] - below
-        least, most = min(least, other[n, 2]), max(most, other[n, 2])
-        m = n + 1 if n + 1 < count else 0
-        area += 0.5 * (
-            (work[n, 0] - work[0, 0]) * (work[m, 1] - work[0, 1])
-            - (work[n, 1] - work[0, 1]) * (work[m, 0] - work[0, 0])
-        )
-    out[0], out[1], out[2] = least, most, abs(area)
     return count

@@ -39,7 +39,7 @@ from planning.steps.skill import (
 )
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import NO_TOOLS, Tools
-from planning.tasks.task import Handling, TaskKind
+from planning.tasks.task import DOOR, Handling, TaskKind
 from planning.transforms import Transform, inverse, translation
 
 _RACK_TOUCH = 0.002
@@ -246,8 +246,11 @@ def _touched_in_racks(
         InfeasibleStepError: a part lies where a tool has its rack, at the start or in its place.
     """
     fixtures = standing_fixtures(cell)
+    # A door is shut around tools in their racks as around parts: who changes them waits.
     lying = {
-        item.name: (item, item.start) for item in with_tools_in_racks(cell).objects
+        item.name: (item, item.start)
+        for item in with_tools_in_racks(cell).objects
+        if item.kind != DOOR
     }
     placed = {
         f"{name} in its place": (cell.object(name), goal)

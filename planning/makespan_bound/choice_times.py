@@ -75,14 +75,7 @@ def least_seconds(speed: SpeedModel, turning: np.ndarray, apart: Array) -> Array
 
 
 class ChoiceReader:
-    """Computes the least times of choices from their tasks.
-
-    Args:
-        cell: where it is built.
-        work: what is built.
-        plan: any plan of it.
-        settings: how tasks are turned into motions.
-    """
+    """Computes the least times of choices from their tasks, given any plan of what is built."""
 
     def __init__(
         self, cell: Workcell, work: Assembly, plan: TaskPlan, settings: MotionSettings
@@ -114,9 +107,8 @@ class ChoiceReader:
         k = choice.step
         tasks, near = self._expand(choice), self._planned
         waits = self._waits([*near[max(k - 2, 0) : k - 1], tasks, *near[k : k + 1]])
-        last = {
-            a.step: a.index for a, _ in waits if a.kind == self._awaited.get(a.step)
-        }
+        awaited = self._awaited
+        last = {a.step: a.index for a, _ in waits if a.kind == awaited.get(a.step)}
         gated = {b.index for a, b in waits if a.step < k and a.index == last.get(k - 1)}
         return self._times(choice, tasks, last.get(k, -1), gated)
 

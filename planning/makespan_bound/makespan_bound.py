@@ -65,13 +65,7 @@ def makespan_bound_s(
     """Return a lower bound of the makespan at nominal durations over all choices [s].
 
     It holds for every plan in which each robot executes its tasks in the order of the steps. Robots return to HOME where
-    they do in the given plan.
-
-    Args:
-        cell: where it is built.
-        work: what is built.
-        plan: any plan of it.
-        settings: how tasks are turned into motions.
+    they do in the given plan, which may be any.
 
     Returns:
         The bound, None where there are no choices, or too many.
@@ -97,10 +91,7 @@ def raised_bound(schedules: PricedSchedules, unlimited: frozenset[str]) -> float
 
     Its rounds keep few labels; the bounds without prices, and with the mean of the last ones, keep many. Directions are
     deflected as in Camerini, Fratta and Maffioli, On improving relaxation methods by modified gradient techniques, 1975.
-
-    Args:
-        schedules: of all choices.
-        unlimited: objects that may be used several times.
+    Unlimited objects may be used several times.
     """
     total = sum(len(step.objects) for step in schedules.steps)
     most, few = (

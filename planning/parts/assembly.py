@@ -128,24 +128,30 @@ class Work(Step):
 
 @dataclass(frozen=True, kw_only=True)
 class MachineWork(Step):
-    """Work of a machine on a part at rest, or a waiting time: no robot is needed.
+    """Work of a machine on parts at rest, or a waiting time: no robot is needed.
 
     Attributes:
         process: what is done, the kind of its task.
         machine: the chain whose task it is.
-        part: what is worked at.
+        parts: what is worked at; several are a batch. The first is the object of the task.
         door: object that is there for as long as it works and keeps robots out, None for none.
     """
 
     process: str
     machine: str
-    part: str
+    parts: tuple[str, ...]
     door: str | None = None
+
+    @property
+    def part(self) -> str:
+        """The object of the task."""
+        return self.parts[0]
 
     @property
     def words(self) -> str:
         """Description for people."""
-        return f"{self.process} {self.part}"
+        others = len(self.parts) - 1
+        return f"{self.process} {self.part}" + (f" and {others} more" if others else "")
 
 
 @dataclass(frozen=True)
@@ -184,6 +190,7 @@ class PartAssembly:
         supply: what comes up and leaves meanwhile.
         alike: groups of parts any of which may go where another one of its group has its goal; those
             without a goal stay where they are.
+        returns: whether robots end with the tools that they have at the start, as the plan is repeated.
     """
 
     goals: Mapping[str, Transform]
@@ -195,6 +202,7 @@ class PartAssembly:
     overlaps: Overlaps = field(default_factory=Overlaps)
     supply: Supply = field(default_factory=Supply)
     alike: tuple[tuple[str, ...], ...] = ()
+    returns: bool = False
 
     def handling(self, part: str) -> PartHandling:
         """Return the grips and straight paths of a part."""

@@ -99,7 +99,8 @@ class PartBalance:
             if not isinstance(step, PartStep) or step.step.stop is None:
                 continue
             body = body_at(step.part, step.place)
-            alone = StabilityChecker({body.name: body}, ground, self._rules)
+            others = {name: own for name, own in ground.items() if name != body.name}
+            alone = StabilityChecker({body.name: body}, others, self._rules)
             if alone.falling([body.name]) is not None:
                 raise InfeasibleStepError(
                     f"step {k + 1} ({step.step.words}): {body.name} would not stand there on"
@@ -125,7 +126,8 @@ class PartBalance:
     def _known_waits(self) -> Iterator[tuple[int, int]]:
         """Yield the step precedences that hold in any plan."""
         for k, step in enumerate(self._steps):
-            yield from ((self._named[name], k) for name in step.step.after)
+            before = (self._named.get(name) for name in step.step.after)
+            yield from ((first, k) for first in before if first is not None)
             for name in step.touched:
                 if self._number.get(name, k) < k:
                     yield self._number[name], k
@@ -175,6 +177,8 @@ def balance_groups(
 ) -> Iterator[tuple[int, Sequence[KnownStep], StandingRules]]:
     """Yield the steps of each product or group of products, and the rules for them.
 
+    What a step waits for in an earlier group is complete by then, such as a batch of several products.
+
     Args:
         steps: of all products, in their order.
         rules: for all of them.
@@ -187,7 +191,10 @@ def balance_groups(
     for first, stop in pairwise([0, *sorted(leaves), len(steps)]):
         if own := steps[first:stop]:
             others = placed - {s.part.name for s in own if isinstance(s, PartStep)}
-            joints = tuple(j for j in rules.joints if others.isdisjoint(j.ends))
+            named = {None, *(s.step.name for s in own)}
+            joints = tuple(
+                j for j in rules.joints if others.isdisjoint(j.ends) and j.by in named
+            )
             yield first, own, replace(rules, joints=joints)
 
 

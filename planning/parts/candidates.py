@@ -143,6 +143,7 @@ class LazyCandidates:
             ),
             mounted=self._changes.mounted,
             changes=self._changes.costs,
+            returns=assembly.returns,
             kept=self._keeps,
         )
         return PartCandidates(
@@ -187,7 +188,7 @@ class PartCollector(CandidateCollector):
                 why = f"it is for {only} only"
                 self.reject(number, f"{robot.name} does it", why, robot.name)
             elif isinstance(step, PartStep):
-                self._add_places(number, step, robot)
+                self.add_places(number, step, robot)
             elif isinstance(step.step, Work):
                 self._add_works(number, step, step.step, robot)
         if isinstance(step, PartStep) and len(self.primaries) == first:
@@ -197,7 +198,8 @@ class PartCollector(CandidateCollector):
                 self._add_holds(number, step, robot)
             self.pairing.pair_held(number)
 
-    def _add_places(self, number: int, step: PartStep, robot: PlacedRobot) -> None:
+    def add_places(self, number: int, step: PartStep, robot: PlacedRobot) -> None:
+        """Add the candidates of a robot that places the part of a step, counted from 1."""
         part, name, tools = step.part.name, robot.name, mounted_tool(robot)
         if (heavy := explain_overload(robot, step.part)) is not None:
             self.reject(number, f"{name} lifts {part}", heavy, name)

@@ -91,6 +91,11 @@ class _Expansion:
         for earlier, last in self._candidates.paths.keeps.items():
             if last == number:
                 self._let_go(earlier, done)
+        if self._candidates.assembly.returns and number == len(self._candidates.steps):
+            now = before | dict(self._choice.tools)
+            for robot, tool in changes.mounted.items():
+                if now[robot] != tool:
+                    changes.change(build, robot, now[robot], tool)
         for lag in self._candidates.assembly.lags_after(step.name):
             words = f"{lag.least:g} s after {lag.step}"
             build.machine_task(str(lag.machine), TaskKind.LAG, words, None)

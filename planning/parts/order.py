@@ -297,8 +297,9 @@ class _UnorderedSteps:
             if isinstance(step, Work) and step.spot.owner in placing:
                 owner = step.spot.owner
                 yield placing[owner], k, f"it is done at {owner} in its place"
-            if isinstance(step, MachineWork) and step.part in placing:
-                yield placing[step.part], k, f"it is done at {step.part} in its place"
+            for part in step.parts if isinstance(step, MachineWork) else ():
+                if part in placing:
+                    yield placing[part], k, f"it is done at {part} in its place"
 
     def _support_precedence(self, graph: PartGraph) -> Iterator[tuple[int, int, str]]:
         """Yield the support relations of parts in their places and at the start."""

@@ -125,7 +125,7 @@ def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
         elif isinstance(step, Work):
             out.append(_work_step(cell, step, known, assembly.touch))
         else:
-            at, touched = where[step.part], {step.part: 0.0}
+            at, touched = where[step.part], dict.fromkeys(step.parts, 0.0)
             out.append(replace(known, place=at, touched=touched))
     return tuple(out)
 

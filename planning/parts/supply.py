@@ -53,6 +53,8 @@ class Supply:
         elsewhere: numbers of the steps that are not done at the place of a product: a part is put
             down on its way, or worked at there.
         sourced: names of the parts that come from sources.
+        in_progress: greatest number of products that are begun and not complete, None for any.
+        products: product of each step, from 1; empty where ``in_progress`` is None.
         changeovers: between products, in their order.
     """
 
@@ -60,6 +62,8 @@ class Supply:
     leaves: Mapping[int, Leaving] = field(default_factory=dict)
     elsewhere: frozenset[int] = frozenset()
     sourced: frozenset[str] = frozenset()
+    in_progress: int | None = None
+    products: tuple[int, ...] = ()
     changeovers: tuple[Changeover, ...] = ()
 
     @cached_property

@@ -5,7 +5,7 @@ A task waits for the tasks that supply its part, transport its assembly, or clea
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
 
 from planning.handling.task_history import TaskHistory
@@ -14,7 +14,15 @@ from planning.parts.candidates import PartCandidates
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.parts.spares import with_chosen_spares
 from planning.parts.supply import Supply
-from planning.tasks.task import StepTasks, Task, TaskKind, TimeWindow, is_product_task
+from planning.parts.work_in_progress import waits_in_progress
+from planning.tasks.task import (
+    StepTasks,
+    Task,
+    TaskKind,
+    TimeWindow,
+    changed_tools,
+    is_product_task,
+)
 
 _PICK, _PLACE = "pick", "place-down"
 _PICKED, _PLACED, _MACHINED, _DONE = "picked", "placed", "machined", "done"
@@ -47,10 +55,13 @@ def waiting_tasks(
     for each other: what else must be kept in order follows from collisions.
 
     The pick of a part that a source supplies waits for its arrival. What leaves waits for all that was done to
-    it, and whatever is done at the place of the next product for that to be gone.
+    it, and whatever is done at the place of the next product for that to be gone. A product waits for an earlier
+    one to be complete where the number of those in progress is bounded.
     """
     tasks_of = ((own.step, task) for own in steps for task in own.tasks)
     picked = ((step, task.object) for step, task in tasks_of if task.kind == _PICK)
+    every = [task for own in steps for task in own.tasks]
+    supply, tools = candidates.assembly.supply, changed_tools(every)
     known, history = with_chosen_spares(candidates, picked).steps, TaskHistory()
     done = {own.step for own in steps if _is_done(own)}
     pairs = [(known[own.step - 1], own) for own in steps if own.step in done]
@@ -63,7 +74,9 @@ def waiting_tasks(
         if tasks.step in done:
             step = known[tasks.step - 1]
             yield from _waits_of_step(history, contacts, step, tasks)
-        yield from _waits_of_supply(history, candidates.assembly.supply, tasks)
+        yield from _waits_of_supply(history, supply, tools, tasks)
+    for earlier, task, _ in waits_in_progress(supply, every):
+        yield earlier, task
 
 
 def _is_done(step: StepTasks) -> bool:
@@ -72,7 +85,7 @@ def _is_done(step: StepTasks) -> bool:
 
 
 def _waits_of_supply(
-    history: TaskHistory, supply: Supply, step: StepTasks
+    history: TaskHistory, supply: Supply, tools: Collection[str], step: StepTasks
 ) -> Iterator[tuple[Task, Task]]:
     """Yield the precedence pairs of machines that supply and remove parts."""
     for task in step.tasks:
@@ -99,7 +112,7 @@ def _waits_of_supply(
                 yield before[-1 - buffer], task
         elif task.kind == _PICK and task.object is not None:
             yield from history.before(task, _THERE, task.object)
-        if is_product_task(task):
+        if is_product_task(task, tools):
             history.add(_BUILT, "", task)
             if task.step not in supply.elsewhere:
                 yield from history.before(task, _LEFT, "")

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from planning.cell.workcell import Workcell
-from planning.parts.assembly import PartAssembly, Work
+from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.candidates import LazyCandidates, PartCandidates
+from planning.parts.disposal import disposal_tasks
 from planning.parts.expansion import step_tasks
 from planning.parts.spares import with_spares
 from planning.parts.task_precedence import time_windows, waiting_tasks
-from planning.tasks.assembly import Assembly
+from planning.tasks.assembly import Assembly, Disposal
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task, TimeWindow
 from planning.transforms import Transform
@@ -41,6 +42,7 @@ class PartWork(Assembly):
     def needs(self) -> frozenset[tuple[int, int]]:
         """Pairs of steps: a support and what it bears, and consecutive steps about one part."""
         pairs = {(a + 1, b + 1) for a, b in self.candidates.balance}
+        pairs |= set(_after_batches(self.built))
         found = frozenset(pairs.union(*map(pairwise, _passing(self.built).values())))
         if self.count is None:
             return found
@@ -61,6 +63,19 @@ class PartWork(Assembly):
     def expand(self, plan: TaskPlan, step: int, first: int) -> StepTasks:
         """Return the tasks of a step."""
         return step_tasks(self.candidates, plan, step, first)
+
+    def is_named(self, step: int, names: Collection[str]) -> bool:
+        """Return whether a step has one of some names, or one of them with the number of its product."""
+        known = {own.name for own in self.built.steps}
+        name = self.built.steps[step - 1].name or ""
+        base = name.rpartition(".")[0]
+        return name in names or (base in names and base not in known)
+
+    def disposals(
+        self, order: Disposal, at: Mapping[str, Transform], plan: TaskPlan, first: int
+    ) -> Iterator[StepTasks]:
+        """Yield the tasks by which a robot drops a part into a bin."""
+        return disposal_tasks(self.candidates, order, at, plan, first)
 
     def waits(self, steps: Sequence[StepTasks]) -> Iterator[tuple[Task, Task]]:
         """Yield the precedence pairs of steps, and those of machines."""
@@ -107,11 +122,22 @@ def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:
     steps = assembly.steps
     own: dict[str, list[int]] = {}
     for number, step in enumerate(steps, start=1):
-        if isinstance(step, Work):
-            continue  # what is done at a part that does not move on
+        batch = isinstance(step, MachineWork) and len(step.parts) > 1
+        if isinstance(step, Work) or batch:
+            continue  # what is done at a part that does not move on, or without it
         own.setdefault(step.part, []).append(number)
     return {
         name: tuple(numbers)
         for name, numbers in own.items()
         if name in assembly.supply.sourced or len(numbers) > 1
     }
+
+
+def _after_batches(assembly: PartAssembly) -> Iterator[tuple[int, int]]:
+    """Yield batches, each with the steps that move its parts on, from 1."""
+    batch: dict[str, int] = {}
+    for number, step in enumerate(assembly.steps, start=1):
+        if isinstance(step, MachineWork) and len(step.parts) > 1:
+            batch.update(dict.fromkeys(step.parts, number))
+        elif isinstance(step, PlacePart) and step.part in batch:
+            yield batch.pop(step.part), number

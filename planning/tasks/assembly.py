@@ -20,6 +20,23 @@ _MOST_ALTERNATIVES = 12
 
 
 @dataclass(frozen=True)
+class Disposal:
+    """Removal of a rejected part.
+
+    Attributes:
+        step: number of the step that rejected it, from 1.
+        part: its name.
+        pose: of the part where a robot lets go of it over a bin, in the world; None where a person takes it.
+        robots: those with free hands.
+    """
+
+    step: int
+    part: str
+    pose: Transform | None
+    robots: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
 class Assembly(ABC):
     """An assembly ready for assignment and sequential planning: all of its steps, or the first ones.
 
@@ -102,6 +119,16 @@ class Assembly(ABC):
             InfeasibleStepError: a step is infeasible then.
         """
         return None
+
+    def is_named(self, step: int, names: Collection[str]) -> bool:
+        """Return whether a step (from 1) has one of some names, which are those of each product."""
+        return False
+
+    def disposals(
+        self, order: Disposal, at: Mapping[str, Transform], plan: TaskPlan, first: int
+    ) -> Iterator[StepTasks]:
+        """Yield the tasks, from an index on, by which a robot drops a part into a bin, given the poses of objects at rest."""
+        yield from ()
 
     def alternatives(
         self, step: int, plan: TaskPlan, first: int

@@ -103,6 +103,7 @@ class AssignmentProblem:
         mounted: tools that robots which change theirs have on them before the first step.
         changes: what it costs to change a tool, by robot, tool before and tool after; empty where
             nobody does.
+        returns: whether robots have the tools of the start again after the last step.
         rejections: what is not a candidate and why; for messages only.
         kept: by step whose robot keeps holding what it placed the step until which it does, so
             that it can do no other one.
@@ -119,6 +120,7 @@ class AssignmentProblem:
     balance: float = 1.0
     mounted: Mapping[str, str] = field(default_factory=dict)
     changes: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
+    returns: bool = False
     rejections: tuple[Rejection, ...] = field(default=(), repr=False)
     kept: Mapping[int, int] = field(default_factory=dict)
     clashing: frozenset[tuple[int, int]] = frozenset()

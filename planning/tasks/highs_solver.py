@@ -138,7 +138,8 @@ class _Program:
 
     def _changes(self) -> Any:
         """Return the cost of tool changes; a step requires its tools to be mounted."""
-        problem, steps = self.problem, range(1, len(self.problem.steps) + 1)
+        problem, last = self.problem, len(self.problem.steps)
+        steps, ends = range(1, last + 1), range(1, last + 1 + problem.returns)
         tools: dict[str, set[str]] = defaultdict(set)
         for robot, old, new in problem.changes:
             tools[robot] |= {old, new}
@@ -146,7 +147,8 @@ class _Program:
         terms: list[tuple[Any, float]] = []
         for robot, names in tools.items():
             for tool in sorted(names):
-                on_it[robot, tool, 0] = int(problem.mounted[robot] == tool)
+                at_first = int(problem.mounted[robot] == tool)
+                on_it[robot, tool, 0] = on_it[robot, tool, last + 1] = at_first
             for step in steps:
                 at, now = f"tool{len(on_it)}", []
                 for k, tool in enumerate(sorted(names)):
@@ -154,7 +156,7 @@ class _Program:
                     on_it[robot, tool, step] = now[-1]
                 self.model += pulp.lpSum(now) == 1
         for (robot, old, new), cost in problem.changes.items():
-            for step in steps:
+            for step in ends:
                 name = f"change{len(terms)}"
                 changed = self.model.add_variable(name, 0, 1)
                 before, after = on_it[robot, old, step - 1], on_it[robot, new, step]

@@ -119,6 +119,7 @@ def _window(
         incompatible=frozenset(clashes),
         balance=1.0,
         mounted=mounted,
+        returns=False,
         rejections=(),
     )
     unit = window.balance_weight

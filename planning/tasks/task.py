@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -218,9 +218,21 @@ def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
     return replace(cell, objects=(*cell.objects, *new)) if new else cell
 
 
-def is_product_task(task: Task) -> bool:
-    """Tell whether a robot or a machine does a task on a product."""
-    return task.kind not in (TaskKind.TRANSIT, "pick", *TaskKind.SUPPLY)
+def changed_tools(tasks: Iterable[Task]) -> frozenset[str]:
+    """Return the names of the tools that robots leave in racks or take from there in some tasks."""
+    changes = TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL
+    return frozenset(str(task.object) for task in tasks if task.kind in changes)
+
+
+def is_work(task: Task, tools: Collection[str] = ()) -> bool:
+    """Tell whether a robot or a machine works for a product, and not with one of the tools at its rack."""
+    others = TaskKind.TRANSIT, *TaskKind.SUPPLY
+    return task.kind not in others and task.object not in tools
+
+
+def is_product_task(task: Task, tools: Collection[str] = ()) -> bool:
+    """Tell whether a robot or a machine does a task on a product, beyond taking a part for it."""
+    return task.kind != "pick" and is_work(task, tools)
 
 
 def strongest_exception(

@@ -46,12 +46,17 @@ def _limit() -> None:
                 resource.setrlimit(kind, (most, most))
 
 
-class _Files:
-    """Access to files below some folders.
+def _refusal(words: str) -> Callable[..., Any]:
+    """Return a function that refuses what it is given."""
 
-    Args:
-        folders: the folders.
-    """
+    def refuse(what: str, *_: object, **__: object) -> None:
+        raise LookupError(f"{words} {str(what)[-60:]!r}")
+
+    return refuse
+
+
+class _Files:
+    """Access to files below some folders."""
 
     def __init__(self, folders: list[str]) -> None:
         self._folders = [Path(folder).resolve() for folder in folders]
@@ -59,14 +64,9 @@ class _Files:
     def open(self, name: str, mode: str = "r") -> io.StringIO:
         """Return the content of a regular file below one of the folders."""
         path = Path(name).resolve()
-        within = [f for f in self._folders if path.is_relative_to(f)]
-        hidden = [
-            part
-            for f in within[:1]
-            for part in path.relative_to(f).parts
-            if part.startswith(".")
-        ]
-        if not within or hidden:
+        top = next((f for f in self._folders if path.is_relative_to(f)), None)
+        parts = (".",) if top is None else path.relative_to(top).parts
+        if any(part.startswith(".") for part in parts):
             raise PermissionError(13, f"not below {self._folders[0]}", str(path))
         if not path.is_file():
             raise FileNotFoundError(2, "no such file", str(path))
@@ -75,10 +75,6 @@ class _Files:
         if len(content) > _LARGEST:
             raise PermissionError(27, "larger than 16 MiB", str(path))
         return io.StringIO(content.decode(errors="replace"))
-
-    def refuse_pattern(self, pattern: str) -> list[str]:
-        """Refuse a pattern of names, which would look at any folder."""
-        raise LookupError(f"files are included by name, not by {pattern[-60:]!r}")
 
     def find(self, package: str) -> str:
         """Return the folder of a package: one of its name, or one whose package.xml names it."""
@@ -98,12 +94,7 @@ class _Files:
 
 
 def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
-    """Return a xacro file as plain XML.
-
-    Args:
-        path: the file.
-        arguments: of the file, by name.
-        folders: below which files may be opened.
+    """Return a xacro file as plain XML, given its arguments and the folders below which files may be opened.
 
     Raises:
         Exception: whatever xacro and the readers of XML and YAML raise.
@@ -113,15 +104,10 @@ def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
 
     files = _Files(folders)
 
-    def refuse_variable(name: str, *_: object, **__: object) -> str:
-        raise LookupError(f"the environment is not read: {name[:60]!r}")
-
-    def quiet(*_: object) -> str:
-        return ""
-
     def fatal(*words: object) -> None:
         raise ValueError(" ".join(map(str, words))[:500])
 
+    quiet = ("message", "warning", "error", "print_location")
     own: dict[str, Callable[..., Any]] = {
         "load_yaml": xacro.load_yaml,
         "dotify": xacro.YamlDictWrapper,
@@ -129,7 +115,7 @@ def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
         "tokenize": lambda text: xacro.tokenize(text),
         "fatal": fatal,
         "arg": lambda name: xacro.substitution_args_context["arg"][name],
-        **dict.fromkeys(("message", "warning", "error", "print_location"), quiet),
+        **dict.fromkeys(quiet, lambda *_: ""),
     }
     functions = dict(FUNCTIONS) | {f"xacro.{name}": item for name, item in own.items()}
     functions |= {"load_yaml": xacro.load_yaml}
@@ -139,21 +125,20 @@ def expand(path: str, arguments: Mapping[str, str], folders: list[str]) -> str:
 
     def evaluate_argument(text: str, context: Mapping[str, Any]) -> str:
         known = context.get("arg", {})
-        kinds = {
-            k: substitution_args.convert_value(v, "auto") for k, v in known.items()
-        }
-        more = {"arg": lambda name: kinds[name], "find": files.find}
+        convert = substitution_args.convert_value
+        kinds = {name: convert(value, "auto") for name, value in known.items()}
+        more = {"arg": kinds.__getitem__, "find": files.find}
         return str(evaluate(text, kinds, functions | more))
 
-    def refuse(*_: object) -> None:
-        raise ValueError("evaluation by Python")
-
+    refuse = _refusal("nothing is evaluated by Python")
+    # A pattern of names would look at any folder.
+    by_name = _refusal("files are included by name, not by")
     replacements = (
         (xacro, "safe_eval", safe_eval),
-        (xacro, "glob", SimpleNamespace(glob=files.refuse_pattern)),
+        (xacro, "glob", SimpleNamespace(glob=by_name)),
         (substitution_args, "_eval", evaluate_argument),
         (substitution_args, "_eval_find", files.find),
-        (substitution_args, "_eval_env", refuse_variable),
+        (substitution_args, "_eval_env", _refusal("the environment is not read:")),
         (substitution_args, "_eval_optenv", lambda name, default="": default),
     )
     for module, name, own_function in replacements:
@@ -188,10 +173,8 @@ def main() -> None:
             import xacro
             from xacro import substitution_args
 
-            stack = [
-                Path(name).name for name in getattr(xacro, "filestack", ()) if name
-            ]
-            answer["file"] = stack[-1] if stack else ""
+            stack = [name for name in getattr(xacro, "filestack", ()) if name]
+            answer["file"] = Path(stack[-1]).name if stack else ""
             cause: object = error
             while cause is not None:
                 if isinstance(cause, substitution_args.ArgException):

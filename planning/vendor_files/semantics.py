@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -30,10 +31,9 @@ _SINGLE = {"revolute", "continuous", "prismatic"}
 
 @dataclass(frozen=True)
 class Semantics:
-    """What the vendor of a robot says besides its description.
+    """What the vendor of a robot says in a file besides its description.
 
     Attributes:
-        path: the file.
         ignored: pairs of links that need no collision check, each with the reason.
         poses: named poses: values by joint [rad or m].
         hands: links that end effectors hang on.
@@ -46,21 +46,17 @@ class Semantics:
 
 
 def find_srdf(description: Path, robot: str) -> Path | None:
-    """Return the SRDF file of a description, None for none.
+    """Return the SRDF file of a description of a robot, None for none.
 
     That is a file of the same name in its folder, or in a folder ``srdf`` or ``config`` in or beside that; else the only
     SRDF file in its folder, if that is for a robot of the same name.
-
-    Args:
-        description: the file.
-        robot: name of the robot in it.
     """
     stem, folder = description.name.partition(".")[0], description.parent
     for place in _FOLDERS:
         if is_file(path := folder / place / f"{stem}.srdf"):
             return path.resolve()
     try:
-        names = [p for p, _ in zip(folder.iterdir(), range(_MOST_FILES), strict=False)]
+        names = list(islice(folder.iterdir(), _MOST_FILES))
     except OSError:
         return None
     files = [path for path in names if path.suffix == ".srdf" and is_file(path)]
@@ -70,11 +66,7 @@ def find_srdf(description: Path, robot: str) -> Path | None:
 
 
 def srdf_semantics(path: Path, root: Element | None = None) -> Semantics:
-    """Return the semantics of an SRDF file.
-
-    Args:
-        path: the file.
-        root: its content where it is not read from the file.
+    """Return the semantics of an SRDF file, given its content where it is not read from the file.
 
     Raises:
         RobotModelError: it cannot be read, or an element of it lacks something.
@@ -91,10 +83,8 @@ def srdf_semantics(path: Path, root: Element | None = None) -> Semantics:
         for joint in item.findall("joint"):
             name = _required(joint, "name", f"{where}: a <joint>")
             text = _required(joint, "value", f"{where}: joint {name!r}")
-            values = [
-                parse_number(part, f"{where}: value of joint {name!r}")
-                for part in text.split()
-            ]
+            place = f"{where}: value of joint {name!r}"
+            values = [parse_number(part, place) for part in text.split()]
             if len(values) == 1:  # others are of planar and floating joints
                 pose.setdefault(name, values[0])
     hands = tuple(
@@ -119,11 +109,7 @@ def _required(item: Element, key: str, where: str) -> str:
 
 
 def mjcf_semantics(root: Element, path: Path) -> Semantics:
-    """Return the semantics of an MJCF file.
-
-    Args:
-        root: of its XML, changed.
-        path: the file.
+    """Return the semantics of an MJCF file, given its XML, which is changed.
 
     Raises:
         RobotModelError: it cannot be read, or an element of it lacks something.

@@ -1,35 +1,60 @@
-"""Addition of what a vendor says in further files to the changes that a cell makes to a robot."""
+"""Robot models made of a description and of what its vendor says in further files."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 from xml.etree.ElementTree import Element
 
+from planning.cell.robot_model import RobotModel
 from planning.errors import FittingError, RobotModelError
 from planning.files import is_file, resolve_file_name
 from planning.robots.descriptions.fitting import Fitting, ignored_pairs
 from planning.robots.descriptions.read_description import read_description
 from planning.robots.descriptions.urdf_geometry import joint_link
 from planning.robots.descriptions.xml_files import parse_number, read_xml
+from planning.robots.registry import ROBOTS, robot_model
 from planning.vendor_files.semantics import (
     Semantics,
     find_srdf,
     mjcf_semantics,
     srdf_semantics,
 )
-from planning.vendor_files.xacro_file import is_xacro, stored_xacro, xacro_root
+from planning.vendor_files.xacro_file import (
+    NO_ARGUMENTS,
+    is_xacro,
+    stored_xacro,
+    xacro_root,
+)
 
 _HOMES = ("home", "ready")
 """Names of poses that are HOME where the cell names none, best first; in any case of letters."""
 
-_NO_ARGUMENTS: Mapping[str, str | float | bool] = MappingProxyType({})
-
 _SLACK = 1e-3
 """Excess over a joint limit that is taken for rounding [rad or m]."""
+
+
+def described_robot(
+    model: str,
+    folder: Path,
+    fitting: Fitting,
+    **given: str | Literal[False] | Mapping[str, str | float | bool],
+) -> RobotModel:
+    """Return a registered robot, or one made of a description and of what its vendor says.
+
+    Arguments and errors are as of ``with_vendor_files``.
+    """
+    if model in ROBOTS:
+        for key in given:
+            raise FittingError(f"{model!r} is a registered robot: no {key}", key=key)
+        return robot_model(model, folder, fitting)
+    file, fitting = with_vendor_files(model, folder, fitting, **given)  # type: ignore[arg-type]
+    try:
+        return robot_model(file, folder, fitting)
+    except RobotModelError as error:  # in words of the source
+        raise error.with_message(error.message.replace(file, model)) from None
 
 
 def with_vendor_files(
@@ -39,7 +64,7 @@ def with_vendor_files(
     *,
     srdf: str | Literal[False] | None = None,
     home: str | None = None,
-    xacro: Mapping[str, str | float | bool] = _NO_ARGUMENTS,
+    xacro: Mapping[str, str | float | bool] = NO_ARGUMENTS,
 ) -> tuple[str, Fitting]:
     """Return the path of a description as URDF or MJCF, and the changes that a cell makes to it.
 
@@ -64,9 +89,7 @@ def with_vendor_files(
         path = stored_xacro(source, xacro)
     elif xacro:
         raise FittingError(f"{path} is no xacro file", key="xacro")
-    said = None
-    if srdf is not False:
-        said = _semantics(path, source, folder, srdf, xacro)
+    said = None if srdf is False else _semantics(path, source, folder, srdf, xacro)
     if said is None:
         if home is not None:
             raise FittingError(f"{path} comes with no named poses", key="home")
@@ -104,9 +127,7 @@ def _semantics(
         return None if found is None else srdf_semantics(found)
     try:
         file = resolve_file_name(srdf, folder, RobotModelError).resolve()
-        if is_xacro(file):
-            return srdf_semantics(file, xacro_root(file, xacro))
-        return srdf_semantics(file)
+        return srdf_semantics(file, xacro_root(file, xacro) if is_xacro(file) else None)
     except RobotModelError as error:
         raise FittingError(error.message, key="srdf", choices=error.choices) from None
 
@@ -119,21 +140,18 @@ def _home(
     Raises:
         FittingError: the wanted pose is not there, or not one for the robot.
     """
-    names = [wanted] if wanted is not None else _HOMES
-    for name in names:
-        for other, pose in said.poses.items():
-            if other != name and (wanted is not None or other.lower() != name):
-                continue
-            fault = _fault(_chain(root, fitting), pose)
-            if not fault:
-                return dict(pose)
-            if wanted is not None:
-                raise FittingError(f"{said.path}: pose {name!r} {fault}", key="home")
-    if wanted is not None:
-        raise FittingError(
-            f"{said.path} has no pose {wanted!r}", key="home", choices=tuple(said.poses)
-        )
-    return {}
+    if wanted is None:
+        for home in _HOMES:
+            for name, pose in said.poses.items():
+                if name.lower() == home and not _fault(_chain(root, fitting), pose):
+                    return dict(pose)
+        return {}
+    if wanted not in said.poses:
+        words = f"{said.path} has no pose {wanted!r}"
+        raise FittingError(words, key="home", choices=tuple(said.poses))
+    if fault := _fault(_chain(root, fitting), said.poses[wanted]):
+        raise FittingError(f"{said.path}: pose {wanted!r} {fault}", key="home")
+    return dict(said.poses[wanted])
 
 
 def _chain(root: Element, fitting: Fitting) -> list[Element]:

@@ -80,12 +80,7 @@ def _power(base: float, exponent: float) -> float:
 
 
 class _Interpreter:
-    """Interpreter of syntax trees.
-
-    Args:
-        values: of names; what can be called is not seen.
-        functions: that may be called, by name.
-    """
+    """Interpreter of syntax trees, with values of names and functions; values that can be called are not seen."""
 
     def __init__(
         self, values: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]
@@ -93,11 +88,7 @@ class _Interpreter:
         self._values, self._functions = values, functions
 
     def value(self, node: ast.expr | None) -> Any:
-        """Return the value of a node.
-
-        Raises:
-            XacroExpressionError: its kind is not allowed.
-        """
+        """Return the value of a node; XacroExpressionError where its kind is not allowed."""
         match node:
             case None | ast.Constant(value=None):
                 return None
@@ -166,10 +157,9 @@ class _Interpreter:
     ) -> bool:
         first = self.value(left)
         for op, other in zip(ops, others, strict=True):
-            then = self.value(other)
-            if not _COMPARING[type(op)](first, then):
+            before, first = first, self.value(other)
+            if not _COMPARING[type(op)](before, first):
                 return False
-            first = then
         return True
 
     def _called(self, node: ast.Call) -> Any:
@@ -178,21 +168,15 @@ class _Interpreter:
             name = f".{node.func.attr}"
             items.insert(0, self.value(node.func.value))
         if node.keywords or name not in self._functions:
-            raise XacroExpressionError(
-                f"{name[:60]!r} is no function that may be called"
-            )
+            words = f"{name[:60]!r} is no function that may be called"
+            raise XacroExpressionError(words)
         return self._functions[name](*items)
 
 
 def evaluate(
     text: str, values: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]
 ) -> Any:
-    """Return the value of an expression.
-
-    Args:
-        text: the expression.
-        values: of names.
-        functions: that may be called, by name.
+    """Return the value of an expression, given values of names and functions that may be called, by name.
 
     Raises:
         XacroExpressionError: it is no expression, not allowed, or without a value.

@@ -30,7 +30,7 @@ _PACKAGE = "package.xml"
 _ABOVE = 6
 """Number of folders above a file in which its package is looked for."""
 
-_NO_ARGUMENTS: Mapping[str, str | float | bool] = MappingProxyType({})
+NO_ARGUMENTS: Mapping[str, str | float | bool] = MappingProxyType({})
 
 _TIMEOUT_S = 3 * CPU_S
 
@@ -47,18 +47,14 @@ def is_xacro(path: Path) -> bool:
 
 
 def description_file(
-    path: Path, arguments: Mapping[str, str | float | bool] = _NO_ARGUMENTS
+    path: Path, arguments: Mapping[str, str | float | bool] = NO_ARGUMENTS
 ) -> Path:
     """Return a description as URDF or MJCF; arguments and errors are as of ``xacro_root``."""
     return stored_xacro(path, arguments) if is_xacro(path) else path
 
 
 def xacro_root(path: Path, arguments: Mapping[str, str | float | bool]) -> Element:
-    """Return a xacro file as XML.
-
-    Args:
-        path: the file.
-        arguments: of the file, by name.
+    """Return a xacro file as XML, given its arguments by name.
 
     Raises:
         RobotModelError: it cannot be expanded; the message says why and in which file.
@@ -116,17 +112,13 @@ def _expanded(path: Path, stamp: int, arguments: tuple[tuple[str, str], ...]) ->
         )
         answer = json.loads(done.stdout)
     except (subprocess.SubprocessError, ValueError):
-        raise RobotModelError(
-            f"{path} cannot be expanded within {CPU_S} s and the memory that an expansion may take"
-        ) from None
+        most = f"within {CPU_S} s and the memory that an expansion may take"
+        raise RobotModelError(f"{path} cannot be expanded {most}") from None
     if "text" in answer:
         return str(answer["text"])
-    where = (
-        f" ({answer['file']})" if answer.get("file") not in (None, path.name) else ""
-    )
+    file = answer.get("file", path.name)
+    where = "" if file == path.name else f" ({file})"
     if name := answer.get("argument"):
-        raise FittingError(
-            f"{path}{where} needs the argument {name!r}: give it with 'xacro'",
-            key="xacro",
-        )
+        words = f"{path}{where} needs the argument {name!r}: give it with 'xacro'"
+        raise FittingError(words, key="xacro")
     raise RobotModelError(f"{path}{where} cannot be expanded: {answer['error']}")

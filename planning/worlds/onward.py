@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from planning.motion.sequential import (
     MotionSettings,
     plan_steps_sequentially,
 )
-from planning.tasks.assembly import Assembly
+from planning.tasks.assembly import Assembly, Disposal
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -72,6 +72,8 @@ class ReplanningState:
         reopened: begun steps that are to be repeated, with the robots that do no more work for them.
         given_up: steps that will not be done.
         evading: robots that make way: they go HOME with what they hold, and return later.
+        rejected: rejected parts that have to go, by the number of the given-up step.
+        reworked: steps that are done again before a step, one after another, by its number.
     """
 
     world: World
@@ -79,6 +81,8 @@ class ReplanningState:
     reopened: Mapping[int, frozenset[str]] = field(default_factory=dict)
     given_up: frozenset[int] = frozenset()
     evading: frozenset[str] = frozenset()
+    rejected: Mapping[int, Disposal] = field(default_factory=dict)
+    reworked: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def kept(self) -> dict[int, StepChoice]:
@@ -140,7 +144,12 @@ def plan_onward(
             _Item(_only_alternative(partial(find_removal, cell, world, robot, name)))
         )
     undone = frozenset(plan[step].object for step in now.given_up if step in kept)
-    scrap = RemovalPlan(world, work.passing, undone)
+    team = {robot.name for robot in cell.robots} - world.out
+    rejected = {
+        k: replace(own, robots=frozenset(r for r in team if busy.get(r, 0) < k))
+        for k, own in now.rejected.items()
+    }
+    scrap = RemovalPlan(world, work.passing, undone, rejected)
     continued = {item.step.step: item for item in left if not item.ends}
     evading, stands = set(now.evading), world.state.configurations
     for step in range(1, len(plan.choices) + 1):
@@ -161,7 +170,7 @@ def plan_onward(
                 )
         brought = there.get(step, ())
         if step in now.given_up:
-            if work.passing:
+            if work.passing or step in rejected:
                 alternatives = partial(scrap.of_step, assembly, step, brought)
                 items.append(_Item(alternatives, machines=step))
         elif step not in kept:
@@ -194,8 +203,12 @@ def plan_onward(
         machines = [tasks for item, tasks in pairs if item.machines is not None]
         inside = [pair for tasks in machines for pair in tasks.dependencies]
         inside += _back_before(zip(items, planned, strict=True))
+        for number, before in now.reworked.items():
+            inside += _one_after_another([*before, number], steps)
         more = np.array([*inside, *scrap.waits(every)], dtype=np.int64).reshape(-1, 2)
-        return np.unique(np.concatenate([waits, more]), axis=0)
+        links = np.unique(np.concatenate([waits, more]), axis=0)
+        # What is complete does not wait for what is done again.
+        return links[(links[:, 1] >= world.tasks) | (links[:, 0] < links[:, 1])]
 
     plan, motions = plan_steps_sequentially(
         cell,
@@ -205,7 +218,11 @@ def plan_onward(
         settings,
         known=known,
         # Of all steps, once they are linked.
-        windows=lambda _: work.windows([done[number] for number in sorted(done)]),
+        windows=lambda _: (
+            window
+            for window in work.windows([done[number] for number in sorted(done)])
+            if not window.due < min(world.tasks, window.done)
+        ),
         begins=world.beginning,
     )
     whole = tuple(steps[number] for number in sorted(steps))
@@ -244,6 +261,17 @@ def _back_before(
             if task.kind != TaskKind.TRANSIT and task.robot != b.robot:
                 yield b.index, task.index
         back = []
+
+
+def _one_after_another(
+    numbers: Sequence[int], steps: Mapping[int, StepTasks]
+) -> Iterator[tuple[int, int]]:
+    """Yield dependencies: each step begins its work once that of the one before is done, abandoned ones left out."""
+    moves = TaskKind.TRANSIT, TaskKind.STRAIGHT
+    for a, b in pairwise(k for k in numbers if k in steps):
+        done = [t.index for t in steps[a].tasks if t.kind not in moves]
+        begins = [t.index for t in steps[b].tasks if t.kind != TaskKind.TRANSIT]
+        yield from ((done[-1], task) for task in begins[:1] if done)
 
 
 def _without_absent_objects(

@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import frame_pose
-from planning.tasks.assembly import Assembly
+from planning.tasks.assembly import Assembly, Disposal
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import (
     STILL,
@@ -79,19 +79,21 @@ def _some_of(
 
 @dataclass
 class RemovalPlan:
-    """Removal of the objects of given-up steps, so that later steps become possible.
+    """Removal of rejected parts, and of the objects of given-up steps, so that later steps become possible.
 
     Attributes:
         world: where the plan begins.
         passing: objects that lie where others come after them.
         given_up: objects of the steps that are not done.
-        removed: those that a person removes in the plan, with the task.
+        rejected: rejected parts, by the number of the given-up step.
+        removed: those that are removed in the plan, with the task that takes them.
         lies: current poses of objects that the plan has moved; None for those in a hand or gone.
     """
 
     world: World
     passing: Collection[str]
     given_up: frozenset[str]
+    rejected: Mapping[int, Disposal] = field(default_factory=dict)
     removed: dict[str, int] = field(default_factory=dict)
     lies: dict[str, Transform | None] = field(default_factory=dict)
 
@@ -103,7 +105,7 @@ class RemovalPlan:
         plan: TaskPlan,
         first: int,
     ) -> Iterator[tuple[TaskPlan, StepTasks]]:
-        """Yield the substitute of a given-up step: its part is removed, and machines continue.
+        """Yield the substitutes of a given-up step: its part is removed, and machines continue.
 
         Args:
             assembly: expands it.
@@ -113,23 +115,44 @@ class RemovalPlan:
             first: index of its first task.
         """
         fresh = assembly.expand(plan, step, first)
-        tasks, name = [], plan[step].object
-        pose = self._lies(name)
-        if pose is not None:
-            words = f"{name} is taken away"
-            gone = (Handling(name, 1, Handling.GONE, pose),)
-            about = first, REMOVAL, TaskKind.TAKEN_OUT, step, words, STILL, gone, name
-            tasks.append(Task(*about))
-            self.removed[name] = first
         left = without_supplied_tasks(fresh, delivered)
         own = _some_of(left, [t for t in left.tasks if brings_parts(t)], {})
-        later = [replace(t, index=t.index + len(tasks)) for t in own.tasks]
-        waits = [(a + len(tasks), b + len(tasks)) for a, b in own.dependencies]
-        yield plan, StepTasks(step, (*tasks, *later), tuple(waits), ())
+        order = self.rejected.get(step)
+        name = plan[step].object if order is None else order.part
+        for removal in self._removals(assembly, plan, step, name, first):
+            count = len(removal.tasks)
+            later = [replace(t, index=t.index + count) for t in own.tasks]
+            waits = [(a + count, b + count) for a, b in own.dependencies]
+            tasks = (*removal.tasks, *later)
+            waits = [*removal.dependencies, *waits]
+            yield plan, replace(removal, tasks=tasks, dependencies=tuple(waits))
+
+    def _removals(
+        self, assembly: Assembly, plan: TaskPlan, step: int, name: str, first: int
+    ) -> Iterator[StepTasks]:
+        """Yield the removals of an object: of a rejected part by robots, and last by a person."""
+        pose = self._lies(name)
+        if pose is None:
+            yield StepTasks(step, (), (), ())
+            return
+        if step in self.rejected:
+            state = self.world.state.attachments
+            now = {k: None if at.holder else at.pose for k, at in state.items()}
+            lying = {k: at for k, at in {**now, **self.lies}.items() if at is not None}
+            for tasks in assembly.disposals(self.rejected[step], lying, plan, first):
+                picks = (t.index for t in tasks.tasks if t.kind == "pick")
+                self.removed[name] = next(picks)
+                yield tasks
+        words = f"{name} is taken away"
+        gone = (Handling(name, 1, Handling.GONE, pose),)
+        about = first, REMOVAL, TaskKind.TAKEN_OUT, step, words, STILL, gone, name
+        self.removed[name] = first
+        yield StepTasks(step, (Task(*about),), (), ())
 
     def _lies(self, name: str) -> Transform | None:
         """Return the pose of an object that must be removed, None where it stays or is nowhere."""
-        if name not in self.passing or name in self.removed:
+        rejected = {order.part for order in self.rejected.values()}
+        if name not in rejected.union(self.passing) or name in self.removed:
             return None
         if name in self.lies:
             return self.lies[name]

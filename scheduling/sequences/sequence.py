@@ -206,8 +206,14 @@ class SequenceNodes:
         plan = self._sequence.plans[segment.plan]
         return plan, segment.names, int(self._tasks[m])
 
+    def _held(self, m: int) -> list[NodeHandling]:
+        """Return the handlings by which robots have something in their hands before their first nodes."""
+        plan = self._parts(m)[0]
+        return [h for h in plan.handlings if plan.holds_before(h)]
+
     def _tasks_of(self, m: int) -> Iterator[Task]:
         plan, names, before = self._parts(m)
+        held = {(plan.task_of(h).index, h.object) for h in self._held(m) if m}
         for task in plan.tasks:
             name = None if task.object is None else names.get(task.object, task.object)
             label = task.label
@@ -216,6 +222,7 @@ class SequenceNodes:
             handlings = tuple(
                 Handling(names.get(h.object, h.object), h.waypoint, h.holder, h.pose)
                 for h in task.handlings
+                if (task.index, h.object) not in held
             )
             yield replace(
                 task,
@@ -229,7 +236,10 @@ class SequenceNodes:
     def _handlings(self, m: int) -> Iterator[NodeHandling]:
         plan, names, _ = self._parts(m)
         chains = self._chains[self._order[m]].tolist()
+        held = {id(h) for h in self._held(m) if m}
         for h in plan.handlings:
+            if id(h) in held:
+                continue
             chain = chains[h.robot]
             node = h.node + int(self._nodes[m][chain])
             name = names.get(h.object, h.object)
@@ -261,41 +271,47 @@ class SequenceNodes:
         """
         known: set[str] = set()
         rests: dict[str, Transform] = {}
-        changes = [_changes_of_rests(plan) for plan in self._sequence.plans]
+        held: dict[str, str | None] = {}
+        changes = [{h.object: h for h in x.handlings} for x in self._sequence.plans]
         for m, k in enumerate(self._order.tolist()):
             plan, names, _ = self._parts(m)
             items = {names.get(x.name, x.name): x for x in plan.cell.objects}
-            begin = {name: x.start for name, x in items.items() if not x.later}
+            taken = {names.get(h.object, h.object): h.holder for h in self._held(m)}
+            begin = {
+                name: x.start
+                for name, x in items.items()
+                if not x.later and name not in taken
+            }
             handled = {names.get(h.object, h.object) for h in plan.handlings}
             if m == 0:
-                rests = dict(begin)
+                rests, held = dict(begin), taken
             elif len(plan.machine_chains()) < len(plan.chains):
-                _require_rests(rests, begin, handled, m)
+                _require_rests(rests, begin, handled - taken.keys(), m)
+                if taken != held:
+                    raise PlanInvariantError(
+                        f"plan {m + 1} begins with {sorted(taken)} in hands, the one"
+                        f" before ends with {sorted(held)}"
+                    )
             for name, item in items.items():
                 if name not in known and (
                     name in handled or (m == 0 and name in begin)
                 ):
                     known.add(name)
                     yield replace(item, name=name, later=item.later or m > 0)
-            for local, pose in changes[k].items():
+            for local, last in changes[k].items():
                 name = names.get(local, local)
                 rests.pop(name, None)
-                if pose is not None:
-                    rests[name] = pose
+                held.pop(name, None)
+                if last.holder is None:
+                    rests[name] = last.pose
+                elif last.holder != Handling.GONE:
+                    held[name] = last.holder
 
 
 def _begin(plan: TemporalPlanGraph, robot: str, home: Array) -> Array:
     """Return where a robot begins a plan, shape (n,): HOME if it has no nodes."""
     k = plan.chain_index.get(robot)
     return home if k is None else plan.chains[k].start
-
-
-def _changes_of_rests(plan: TemporalPlanGraph) -> dict[str, Transform | None]:
-    """Return where objects are at rest at the end of a plan that changes that, None where they are not."""
-    found: dict[str, Transform | None] = {}
-    for h in plan.handlings:
-        found[h.object] = h.pose if h.holder is None else None
-    return found
 
 
 def _require_rests(

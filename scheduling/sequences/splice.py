@@ -11,7 +11,7 @@ The safety invariant holds for the whole. (a) Conflicting nodes are ordered: tho
 those of two by the edges between their plans. (b) Let node v conflict with a robot at rest between two nodes u and w.
 Then v conflicts with both, and need only be examined if it is between u and w in the total order. If all three belong
 to one execution, its plan was proved. If w belongs to a later execution than u, the robot is at HOME, at which each
-plan begins and ends; then v belongs to the end of the execution of u, the beginning of that of w, or one between in
+plan begins and ends with the same tool in hand, which is checked; then v belongs to the end of the execution of u, the beginning of that of w, or one between in
 which the robot has no nodes, and each of these plans was proved with the robot at HOME. (c) Let node v conflict with an
 object at rest from node p to node q. Likewise, v need only be examined if it is between p and q. The object is then at
 rest in the cell of the plan of v: plans begin with the objects at rest with which the ones before end, which is checked.

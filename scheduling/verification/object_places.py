@@ -274,7 +274,11 @@ def _wrong(
         return "is handled before it has come up"
     chain, node = moment[:2]
     kind = tpg.tasks[int(tpg.chains[chain].task[node])].kind
-    lost = to == Handling.GONE and kind in (TaskKind.FAILED, TaskKind.TAKEN_OUT)
+    # What a robot lets go of over a bin falls into it.
+    falls = before.put is not None and before.put[:2] == moment[:2]
+    lost = to == Handling.GONE and (
+        falls or kind in (TaskKind.FAILED, TaskKind.TAKEN_OUT)
+    )
     # A robot that failed to pick it has measured its pose.
     found = kind == TaskKind.FAILED and before.present and holder is None and to is None
     if found:

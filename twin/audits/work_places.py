@@ -73,18 +73,24 @@ def rest_violations(case: AuditCase) -> Iterator[Violation]:
 def machine_work_spans(case: AuditCase) -> dict[int, tuple[Task, float, float]]:
     """Return machine tasks at parts, by number of the expected rest: task, begin, end [s].
 
-    Tasks that are alike are taken in the plan's order. What is not in the plan is left out.
+    Tasks that are alike are taken in the plan's order; the parts of a batch have one in common. What is not in
+    the plan is left out.
     """
     tpg, cell = case.tpg, case.cell
     left = {task.index: task for task in tpg.tasks if cell.is_machine(task.robot)}
-    work = {}
+    work: dict[int, tuple[Task, float, float]] = {}
+    batches: dict[int, tuple[Task, float, float]] = {}
     for k, rest in enumerate(case.wanted.rests):
+        if rest.process is not None and rest.step in batches:
+            work[k] = batches[rest.step]
+            continue
         index = next((n for n, task in left.items() if _is(rest, task)), None)
         if rest.process is not None and index is not None:
             task = left.pop(index)
             nodes = tpg.chains[tpg.chain_index[task.robot]].task == index
             own = case.logged[task.robot]
-            work[k] = task, float(own.begin[nodes].min()), float(own.end[nodes].max())
+            times = float(own.begin[nodes].min()), float(own.end[nodes].max())
+            work[k] = batches[rest.step] = task, *times
     return work
 
 

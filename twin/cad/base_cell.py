@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from copy import deepcopy
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -32,29 +34,22 @@ SLACK_M = 0.004
 
 def default_cell() -> dict[str, Any]:
     """Return the cell of two arms at a table."""
-    cell: dict[str, Any] = deepcopy(_data(shipped_scenarios()[_TEMPLATE])["cell"])
+    cell: dict[str, Any] = _data(shipped_scenarios()[_TEMPLATE])["cell"]
     cell["fixtures"] = [own for own in cell["fixtures"] if own["name"] == _TABLE]
     return cell
 
 
 def open_fingers(cell: dict[str, Any], opening: float) -> dict[str, Any]:
-    """Hold the fingers of the default arms apart, and return the rules for their grips.
-
-    Args:
-        cell: see ``default_cell``.
-        opening: between their fingers [m].
-    """
+    """Hold the fingers of the default arms of a cell apart by an opening [m], and return the rules for their grips."""
     for robot in cell["robots"]:
         robot["joints"] = dict.fromkeys(_FINGERS, round(0.5 * opening, 4))
     return {"opening_m": round(opening - SLACK_M, 4)}
 
 
 def cell_like(name: Path, output: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the cell of another scenario, and its rules for grips if it has any.
+    """Return the cell of a scenario file or a shipped scenario, and its rules for grips if it has any.
 
-    Args:
-        name: a scenario file, or the name of a shipped scenario.
-        output: file of the new scenario, beside which paths in the cell are relative.
+    Paths in it become relative to the new scenario.
 
     Raises:
         ScenarioError: there is no such scenario, or it is not valid.
@@ -63,27 +58,21 @@ def cell_like(name: Path, output: Path) -> tuple[dict[str, Any], dict[str, Any]]
     path = scenario_path(name).resolve()
     load_scenario(path)
     data = _data(path)
-    cell = deepcopy(data["cell"])
+    cell = data["cell"]
     if not cell.get("robots"):
         raise RequestError(f"{path}: its cell has no listed robots")
     for keys, value in list(iterate_nested(cell)):
         if isinstance(value, str) and is_file(path.parent / value):
             target = os.path.relpath(path.parent / value, output.parent.resolve())
-            _set(cell, keys, Path(target).as_posix())
+            *above, last = keys
+            reduce(getitem, above, cell)[last] = Path(target).as_posix()
     assembly = data["assembly"]
     grips = assembly.get("grips", {}) if assembly.get("kind") == "assembly" else {}
     return cell, dict(grips)
 
 
 def _data(path: Path) -> Any:
-    return read_yaml(path, read_file(path).decode("utf-8-sig")).data
-
-
-def _set(data: Any, keys: Any, value: str) -> None:
-    *above, last = keys
-    for key in above:
-        data = data[key]
-    data[last] = value
+    return deepcopy(read_yaml(path, read_file(path).decode("utf-8-sig")).data)
 
 
 def fixture_names(cell: dict[str, Any]) -> Iterator[str]:

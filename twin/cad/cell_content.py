@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ import numpy as np
 from planning.cad.exact_forms import BallForm, BoxForm, RodForm
 from planning.cad.layout import Layout
 from planning.cad.part_types import PartType
-from planning.transforms import Array, Transform, from_rpy, quat_wxyz
+from planning.files import replace_atomically
+from planning.transforms import Transform, from_rpy, quat_wxyz
 
 _PALETTE = (
     *((88, 118, 152), (201, 162, 75), (184, 67, 58), (110, 150, 100)),
@@ -58,21 +59,15 @@ def part_content(
 ) -> dict[str, Any]:
     """Return the entry of a part, or of parts that are alike, in ``assembly.parts``.
 
-    Args:
-        entry: the parts.
-        shape: of each, see ``shape_content``.
-        starts: where they lie.
-        number: of the type, for its colour where the file gives none.
-        grips: rules for grips on it that are others than those of the assembly.
+    The number of the type is for its colour; rules for grips are those that are others than the assembly's.
     """
     out: dict[str, Any] = {"name": entry.name, **shape}
-    if len(entry.goals) == 1:
-        out["start"] = pose_content(starts[0])
-        out["goal"] = pose_content(entry.goals[0])
+    begin = [pose_content(pose) for pose in starts]
+    end = [pose_content(pose) for pose in entry.goals]
+    if len(end) == 1:
+        out |= {"start": begin[0], "goal": end[0]}
     else:
-        out["count"] = len(entry.goals)
-        out["starts"] = [pose_content(pose) for pose in starts]
-        out["goals"] = [pose_content(pose) for pose in entry.goals]
+        out |= {"count": len(end), "starts": begin, "goals": end}
     out["density_kg_m3"] = entry.density
     out["colour"] = colour_of(entry.type, number)
     if entry.insert != (0.0, 0.0, -1.0):
@@ -84,13 +79,7 @@ def part_content(
 
 
 def stand_content(name: str, layout: Layout, top: float) -> dict[str, Any]:
-    """Return the fixture of the stands on which the parts of an entry lie.
-
-    Args:
-        name: of the entry.
-        layout: where parts lie.
-        top: height of the table [m].
-    """
+    """Return the fixture of the stands on which the parts of an entry lie, at the height of the table [m]."""
     lying = layout.lying[name]
     size = [*lying.size, lying.stand]
     places = [
@@ -108,12 +97,7 @@ def colour_of(kind: PartType, number: int) -> list[int]:
 
 
 def shape_content(kind: PartType, mesh: str) -> dict[str, Any]:
-    """Return the shape of a type as keys of a part or a fixture.
-
-    Args:
-        kind: the type.
-        mesh: path of its mesh file, for types that are no exact form.
-    """
+    """Return the shape of a type as keys of a part or a fixture, given the path of its mesh file if it is no form."""
     form = kind.form
     if isinstance(form, BoxForm):
         return {"size_m": list(form.size)}
@@ -157,20 +141,8 @@ def pose_content(pose: Transform) -> dict[str, Any]:
 
 def write_mesh(kind: PartType, path: Path) -> None:
     """Write the mesh of a type as binary STL, in metres, in the frame of the type."""
-    from planning.files import replace_atomically
+    import trimesh
 
-    corners = kind.vertices[kind.placed[0].body.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(across, axis=1, keepdims=True)
-    record = np.zeros(len(corners), dtype=[("f", "<f4", (4, 3)), ("n", "<u2")])
-    record["f"][:, 0] = across / np.maximum(length, 1e-300)
-    record["f"][:, 1:] = corners
-    head = b"assembly-twin".ljust(80, b" ") + len(corners).to_bytes(4, "little")
+    mesh = trimesh.Trimesh(kind.vertices, kind.placed[0].body.faces, process=False)
     with replace_atomically(path) as temporary:
-        temporary.write_bytes(head + record.tobytes())
-
-
-def bounds_of(points: Iterable[Array]) -> tuple[Array, Array]:
-    """Return the corners of the box around points, each of shape (3,) [m]."""
-    found = np.vstack(list(points))
-    return found.min(axis=0), found.max(axis=0)
+        mesh.export(str(temporary), file_type="stl")

@@ -43,8 +43,7 @@ def ordered_groups(
     """Return the parts in an order in which they can be put together.
 
     Args:
-        types: of the bodies.
-        base: the body that is there first.
+        types, base: the bodies, and the one that is there first.
         turn: rotation of the assembly after which z is up.
         densities: by body [kg/m^3].
         file: for messages.
@@ -53,26 +52,22 @@ def ordered_groups(
     Raises:
         RequestError: they cannot be put together one by one, by straight motions.
     """
-    import trimesh
+    from trimesh import Trimesh
 
-    placed = {own.name: (kind, own) for kind in types for own in kind.placed}
+    kinds = {own.name: kind for kind in types for own in kind.placed}
+    placed = {own.name: own for kind in types for own in kind.placed}
     bodies = [
-        AssemblyBody(
-            name,
-            trimesh.Trimesh(
-                own.vertices @ turn[:3, :3].T, own.body.faces, process=False
-            ),
-            densities[name],
-        )
-        for name, (_, own) in placed.items()
+        AssemblyBody(name, Trimesh(points, own.body.faces, process=False), dense)
+        for name, own in placed.items()
+        for points, dense in [(own.vertices @ turn[:3, :3].T, densities[name])]
     ]
     try:
         plan = plan_assembly(bodies, base.name)
     except InterlockedError as error:
-        shown = (
-            "" if picture is None else f" (picture: {_draw(bodies, error, picture)})"
-        )
-        raise RequestError(f"{file}: {error.message}{shown}") from None
+        words = f"{file}: {error.message}"
+        if picture is not None:
+            words += f" (picture: {_draw(bodies, error, picture)})"
+        raise RequestError(words) from None
     except ShapeError as error:
         raise RequestError(f"{file}: {error.message}") from None
     for step in plan.steps:
@@ -82,12 +77,11 @@ def ordered_groups(
                 " placed one by one: export them as one body"
             )
     low = {b.name: round(float(b.mesh.vertices[:, 2].min()), 4) for b in bodies}
-    kinds = {name: kind for name, (kind, _) in placed.items()}
     steps = {step.bodies[0]: step for step in plan.steps}
     return [
         (
             kinds[names[0]],
-            tuple(placed[name][1] for name in names),
+            tuple(placed[name] for name in names),
             _direction(steps[names[0]]),
             max(_insertion_length(steps[name]) for name in names),
         )
@@ -127,37 +121,32 @@ def _groups(
     Bodies of a type are placed in one step, unless others have to be placed in between. Of what may come next, that
     comes which reaches lowest: what comes on top of it leaves less room for a hand.
     """
-    order = [step.bodies[0] for step in plan.steps]
     before: nx.DiGraph[str] = nx.DiGraph()
-    before.add_nodes_from(order)
     level: dict[str, int] = {}
+    common: dict[str, tuple[object, ...]] = {}
     for step in plan.steps:
-        name = step.bodies[0]
-        before.add_edges_from((other, name) for other in step.after)
+        (name,) = step.bodies
+        before.add_node(name)
         level[name] = 1 + max((level[other] for other in step.after), default=0)
-    common = {
-        step.bodies[0]: (
-            kinds[step.bodies[0]].name,
-            _direction(step),
-            densities[step.bodies[0]],
-        )
-        for step in plan.steps
-    }
-    group: dict[str, tuple[object, ...]] = dict(common)
+        common[name] = kinds[name].name, _direction(step), densities[name]
+    before.add_edges_from((a, s.bodies[0]) for s in plan.steps for a in s.after)
+    group = dict(common)
+    # What waits for each other is split: by levels of the order first, then into single bodies.
     for finer in (lambda n: (*common[n], level[n]), lambda n: (*common[n], n)):
         while (mixed := _in_circle(before, group)) is not None:
-            split = [name for name in order if group[name] == mixed]
-            changed = {name: finer(name) for name in split}
-            if all(changed[name] == group[name] for name in split):
+            changed = {n: finer(n) for n, own in group.items() if own == mixed}
+            if set(changed.values()) == {mixed}:
                 break
             group |= changed
-    contracted = _contracted(before, group)
-    rank = {
-        own: min((low[n], k) for k, n in enumerate(order) if group[n] == own)
-        for own in contracted
-    }
-    sequence = nx.lexicographical_topological_sort(contracted, key=rank.__getitem__)
-    return [tuple(name for name in order if group[name] == own) for own in sequence]
+    members: dict[tuple[object, ...], list[str]] = {}
+    for name, own in group.items():
+        members.setdefault(own, []).append(name)
+    number = {name: k for k, name in enumerate(group)}
+    rank = {o: min((low[n], number[n]) for n in names) for o, names in members.items()}
+    sequence = nx.lexicographical_topological_sort(
+        _contracted(before, group), key=rank.__getitem__
+    )
+    return [tuple(members[own]) for own in sequence]
 
 
 def _contracted(
@@ -165,9 +154,8 @@ def _contracted(
 ) -> nx.DiGraph[tuple[object, ...]]:
     graph: nx.DiGraph[tuple[object, ...]] = nx.DiGraph()
     graph.add_nodes_from(group.values())
-    graph.add_edges_from(
-        (group[a], group[b]) for a, b in before.edges if group[a] != group[b]
-    )
+    pairs = ((group[a], group[b]) for a, b in before.edges)
+    graph.add_edges_from((a, b) for a, b in pairs if a != b)
     return graph
 
 
@@ -175,10 +163,7 @@ def _in_circle(
     before: nx.DiGraph[str], group: Mapping[str, tuple[object, ...]]
 ) -> tuple[object, ...] | None:
     """Return the largest group that waits for another one which waits for it; None if there is none."""
-    graph = _contracted(before, group)
-    circles = [
-        part for part in nx.strongly_connected_components(graph) if len(part) > 1
-    ]
+    parts = nx.strongly_connected_components(_contracted(before, group))
+    found = [own for part in parts if len(part) > 1 for own in part]
     members = list(group.values())
-    found = [own for part in circles for own in part]
     return max(found, key=lambda own: (members.count(own), str(own)), default=None)

@@ -5,31 +5,24 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from planning.cad.layout import (
-    Area,
-    Layout,
-    Lying,
-    PartToLay,
-    Table,
-    lay_out,
-    least_opening,
-)
-from planning.cad.part_types import PartType, Placed, unique_names
+from planning.cad.layout import Layout, Lying, PartToLay, lay_out, least_opening
+from planning.cad.part_types import PartType, Placed, unique_names, with_unique_names
+from planning.cad.step_file import read_assembly
+from planning.cad.table import Area, Table, best_place, find_table
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture
 from planning.contacts.interference import ROUNDING, overlap_depth
 from planning.contacts.touching import PlacedObject, nearby_entities
 from planning.errors import OutputError, RequestError, ShapeError
 from planning.grips.grip import GripRules
-from planning.transforms import Transform, translation
-from twin.cad.assembly_file import read_assembly
+from planning.transforms import Array, Transform, identity, translation
 from twin.cad.base_cell import (
     OPENINGS_M,
     SLACK_M,
@@ -40,7 +33,6 @@ from twin.cad.base_cell import (
 )
 from twin.cad.cell_content import (
     PartEntry,
-    bounds_of,
     colour_of,
     part_content,
     pose_content,
@@ -49,7 +41,6 @@ from twin.cad.cell_content import (
     write_mesh,
 )
 from twin.cad.part_order import Group, ordered_groups
-from twin.cad.work_area import best_place, find_table
 from twin.checks.check import CheckReport, check_scenario
 from twin.checks.finding import CheckContext
 from twin.document.yaml_text import scenario_text
@@ -104,44 +95,24 @@ class Wishes:
 
 @dataclass(frozen=True, eq=False)
 class ImportedAssembly:
-    """What was read and written.
-
-    Attributes:
-        base: the body that is a fixture.
-        entries: the parts, in the order of the steps.
-        notes: what was left out or assumed.
-        report: findings of the check of the scenario.
-    """
+    """The base, parts in the order of the steps, notes on what was left out or assumed, and the check of the scenario."""
 
     base: Placed
     entries: tuple[PartEntry, ...]
-    notes: tuple[str, ...]
+    notes: list[str]
     report: CheckReport
 
 
 def import_step_file(file: Path, output: Path, wishes: Wishes) -> ImportedAssembly:
     """Write the scenario of an assembly, and the meshes of its parts beside it.
 
-    Args:
-        file: STEP file.
-        output: scenario file to write.
-        wishes: options.
-
     Raises:
         RequestError: the file or an option cannot be used.
         ScenarioError: the cell of another scenario cannot be used.
     """
-    types, notes = read_assembly(file)
-    cell, grips = (
-        (default_cell(), None)
-        if wishes.like is None
-        else cell_like(wishes.like, output)
-    )
-    types = _named_apart(types, cell)
-    base = _base(types, wishes, file)
-    writer = _Writer(file, output, types, base, wishes, cell, grips)
+    writer = _Writer(file, output, wishes)
     try:
-        content, entries, more = writer.content()
+        content, entries = writer.content()
         text = scenario_text(content, f"Imported from {file.name}.")
         scenario, document = parse_scenario(output, text)
         write_text(output, text)
@@ -149,112 +120,79 @@ def import_step_file(file: Path, output: Path, wishes: Wishes) -> ImportedAssemb
         writer.remove_meshes()
         raise
     report = check_scenario(scenario, document, output.parent)
-    return ImportedAssembly(base, entries, (*notes, *more), report)
-
-
-def _named_apart(types: Sequence[PartType], cell: dict[str, Any]) -> list[PartType]:
-    """Return the types with names that nothing of the cell has."""
-    taken = dict.fromkeys(fixture_names(cell))
-    names = unique_names([own.name for own in types], taken)
-    return [
-        PartType(name, own.form, own.placed, own.frame)
-        for name, own in zip(names, types, strict=True)
-    ]
-
-
-def _base(types: Sequence[PartType], wishes: Wishes, file: Path) -> Placed:
-    """Return the body that the others are put on."""
-    placed = {own.name: (own, kind) for kind in types for own in kind.placed}
-    if wishes.base is not None:
-        if wishes.base not in placed:
-            raise RequestError(
-                f"{file}: no body {wishes.base!r}", choices=tuple(placed)
-            )
-        return placed[wishes.base][0]
-    name = max(placed, key=lambda n: _mass(placed[n][1], placed[n][0], wishes))
-    return placed[name][0]
-
-
-def _mass(kind: PartType, own: Placed, wishes: Wishes) -> float:
-    return _density(kind, own, wishes) * kind.volume
-
-
-def _density(kind: PartType, own: Placed, wishes: Wishes) -> float:
-    found = wishes.densities.get(own.name, wishes.densities.get(kind.name))
-    return wishes.density if found is None else found
+    return ImportedAssembly(writer.base, entries, writer.notes, report)
 
 
 class _Writer:
-    """Writer of the scenario of one assembly.
+    """Writer of the scenario of one assembly, see ``import_step_file``."""
 
-    Args:
-        file: STEP file.
-        output: scenario file.
-        types: of the bodies.
-        base: body that is a fixture.
-        wishes: options.
-        cell: of the scenario, without the base.
-        grips: rules of the assembly; None for those of the default arms.
-    """
-
-    def __init__(
-        self,
-        file: Path,
-        output: Path,
-        types: Sequence[PartType],
-        base: Placed,
-        wishes: Wishes,
-        cell: dict[str, Any],
-        grips: dict[str, Any] | None,
-    ) -> None:
+    def __init__(self, file: Path, output: Path, wishes: Wishes) -> None:
+        types, self.notes = read_assembly(file)
+        self._cell: dict[str, Any] = {}
+        self._grips: dict[str, Any] | None = None
+        if wishes.like is None:
+            self._cell = default_cell()
+        else:
+            self._cell, self._grips = cell_like(wishes.like, output)
+        types = with_unique_names(types, fixture_names(self._cell))
         self._file, self._output, self._types = file, output, types
-        self._base, self._wishes = base, wishes
-        self._cell, self._grips = cell, grips
+        self._wishes, self._turn = wishes, UPS[wishes.up]
+        self._kinds = {own.name: kind for kind in types for own in kind.placed}
+        self._placed = {own.name: own for kind in types for own in kind.placed}
+        given = wishes.densities
+        self._densities = {
+            name: given.get(name, given.get(kind.name, wishes.density))
+            for name, kind in self._kinds.items()
+        }
+        base = wishes.base
+        if base is None:
+            masses = {n: self._densities[n] * k.volume for n, k in self._kinds.items()}
+            base = max(masses, key=lambda name: masses[name])
+        if base not in self._placed:
+            raise RequestError(f"{file}: no body {base!r}", choices=tuple(self._placed))
+        self.base = self._placed[base]
         self._folder = output.parent / f"{output.stem}_parts"
         self._created = not self._folder.exists()
         self._written: list[Path] = []
-        self._densities = {
-            own.name: _density(kind, own, wishes)
-            for kind in types
-            for own in kind.placed
-        }
         self._shapes = {own.name: self._shape(own) for own in types}
 
-    def content(self) -> tuple[dict[str, Any], tuple[PartEntry, ...], list[str]]:
-        """Return the content of the scenario, its parts, and notes."""
-        kind = next(own for own in self._types if self._base in own.placed)
-        fixture = {"name": self._base.name, **self._shapes[kind.name]}
+    def content(self) -> tuple[dict[str, Any], tuple[PartEntry, ...]]:
+        """Return the content of the scenario, and its parts."""
+        kind = self._kinds[self.base.name]
+        fixture = {"name": self.base.name, **self._shapes[kind.name]}
         fixture["colour"] = colour_of(kind, self._types.index(kind))
         self._cell.setdefault("fixtures", []).append(fixture)
         # Shapes and robots do not depend on where things are, and take time to build.
-        fixture["pose"] = pose_content(self._base.pose)
+        fixture["pose"] = pose_content(self.base.pose)
         groups = ordered_groups(
             self._types,
-            self._base,
-            UPS[self._wishes.up],
+            self.base,
+            self._turn,
             self._densities,
             self._file,
             self._wishes.picture,
         )
-        entries = self._entries(groups, np.eye(4))
+        entries = self._entries(groups, identity())
         self._refine_bores()
         if self._grips is None:
             self._grips = open_fingers(self._cell, self._opening(entries))
-        provisional = {own.name: list(own.goals) for own in entries}
-        context = self._context(self._scenario(entries, provisional, (), {}))
-        table = find_table(context.built, self._base.name)
+        provisional = Layout({own.name: list(own.goals) for own in entries})
+        text = scenario_text(self._scenario(entries, provisional, ()), "")
+        scenario, _ = parse_scenario(self._output, text)
+        context = CheckContext(scenario, self._output.parent)
+        table = find_table(context.built, self.base.name)
         place = self._assembly_pose(table, context)
-        fixture["pose"] = pose_content(place @ self._base.pose)
+        fixture["pose"] = pose_content(place @ self.base.pose)
         entries = self._entries(groups, place)
         layout = self._layout(context, entries, table, place)
-        for own in entries:
-            if layout.lying[own.name].stand:
-                self._cell["fixtures"].append(
-                    stand_content(own.name, layout, table.top)
-                )
+        self._cell["fixtures"] += [
+            stand_content(own.name, layout, table.top)
+            for own in entries
+            if layout.lying[own.name].stand
+        ]
         presses = self._presses(context)
-        content = self._scenario(entries, layout.starts, presses, layout.lying)
-        return content, entries, layout.notes
+        self.notes += layout.notes
+        return self._scenario(entries, layout, presses), entries
 
     def remove_meshes(self) -> None:
         """Remove the mesh files."""
@@ -265,41 +203,32 @@ class _Writer:
 
     def _shape(self, kind: PartType) -> dict[str, Any]:
         """Return the shape of a type, whose mesh is written if it has one."""
-        name = f"{kind.name}.stl"
+        path = self._folder / f"{kind.name}.stl"
         if kind.form is None:
             try:
                 self._folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise OutputError(f"{self._folder}: {error.strerror}") from None
-            write_mesh(kind, self._folder / name)
-            self._written.append(self._folder / name)
-        return shape_content(kind, f"{self._folder.name}/{name}")
-
-    def _context(self, content: dict[str, Any]) -> CheckContext:
-        scenario, _ = parse_scenario(self._output, scenario_text(content, ""))
-        return CheckContext(scenario, self._output.parent)
+            write_mesh(kind, path)
+            self._written.append(path)
+        return shape_content(kind, f"{self._folder.name}/{path.name}")
 
     def _scenario(
         self,
         entries: Sequence[PartEntry],
-        starts: Mapping[str, Sequence[Transform]],
+        layout: Layout,
         presses: Sequence[dict[str, Any]],
-        lying: Mapping[str, Lying],
     ) -> dict[str, Any]:
         numbers = {own.name: k for k, own in enumerate(self._types)}
         assembly: dict[str, Any] = {"kind": "assembly"}
         if self._grips:
             assembly["grips"] = self._grips
-        assembly["parts"] = [
-            part_content(
-                own,
-                self._shapes[own.type.name],
-                starts[own.name],
-                numbers[own.type.name],
-                self._own_grips(lying.get(own.name)),
-            )
-            for own in entries
-        ]
+        assembly["parts"] = []
+        for own in entries:
+            kind, starts = own.type.name, layout.starts[own.name]
+            rules = self._own_grips(layout.lying.get(own.name))
+            part = part_content(own, self._shapes[kind], starts, numbers[kind], rules)
+            assembly["parts"].append(part)
         assembly["steps"] = [own.name for own in entries]
         if presses:
             assembly["fits"] = list(presses)
@@ -318,19 +247,16 @@ class _Writer:
 
     def _refine_bores(self) -> None:
         """Have meshes cut finer whose convex pieces fill the hollows in which other parts are."""
-        placed = {
-            own.name: (Fixture(own.name, self._build(kind), own.pose), own.pose)
-            for kind in self._types
-            for own in kind.placed
+        placed: dict[str, PlacedObject] = {
+            name: (Fixture(name, self._build(self._kinds[name]), own.pose), own.pose)
+            for name, own in self._placed.items()
         }
-        kinds = {own.name: kind for kind in self._types for own in kind.placed}
         fine: dict[str, PartType] = {}
-        for name, own in placed.items():
-            others = {k: other for k, other in placed.items() if k < name}
-            for other, gap in nearby_entities(own, others, 0.0).items():
-                if gap < -_FILLED and overlap_depth(own, placed[other]) <= ROUNDING:
-                    found = (kinds[name], kinds[other])
-                    fine |= {kind.name: kind for kind in found if kind.is_milled}
+        for other, name, gap in _meeting(placed):
+            deep = gap < -_FILLED
+            if deep and overlap_depth(placed[name], placed[other]) <= ROUNDING:
+                found = (self._kinds[name], self._kinds[other])
+                fine |= {kind.name: kind for kind in found if kind.is_milled}
         for kind in fine.values():
             self._shapes[kind.name]["shape"]["within_m"] = _FINE
             try:
@@ -340,29 +266,29 @@ class _Writer:
 
     def _own_grips(self, lying: Lying | None) -> dict[str, float]:
         """Return the rules for grips on a part that are others than those of the assembly."""
-        usual = {"depth_m": GripRules().depth, "opening_m": GripRules().opening}
-        given = self._grips or {}
-        usual |= {key: given[key] for key in usual if key in given}
         if lying is None or lying.rules is None:
             return {}
+        usual = {"depth_m": GripRules().depth, "opening_m": GripRules().opening}
+        usual |= self._grips or {}
         own = {"depth_m": lying.rules.depth, "opening_m": lying.rules.opening}
         return {key: value for key, value in own.items() if value != usual[key]}
 
     def _opening(self, entries: Sequence[PartEntry]) -> float:
         """Return how far fingers must be apart [m]."""
-        turn = UPS[self._wishes.up]
-        parts = [(self._build(own.type), turn @ own.goals[0]) for own in entries]
+        parts = [(self._build(own.type), self._turn @ own.goals[0]) for own in entries]
         wide = [opening - SLACK_M for opening in OPENINGS_M]
         return least_opening(parts, GripRules(), wide) + SLACK_M
 
+    def _bounds(self, pose: Transform, bodies: Iterable[Placed]) -> tuple[Array, Array]:
+        """Return the corners of the box around bodies of the assembly at a pose [m]."""
+        points = np.vstack([own.vertices @ pose[:3, :3].T for own in bodies])
+        points += pose[:3, 3]
+        return points.min(axis=0), points.max(axis=0)
+
     def _assembly_pose(self, table: Table, context: CheckContext) -> Transform:
         """Return the pose of the assembly's frame in the world."""
-        turn = UPS[self._wishes.up]
-        points = [
-            own.vertices @ turn[:3, :3].T for kind in self._types for own in kind.placed
-        ]
-        low, high = bounds_of(points)
-        first, last = bounds_of([self._base.vertices @ turn[:3, :3].T])
+        low, high = self._bounds(self._turn, self._placed.values())
+        first, last = self._bounds(self._turn, [self.base])
         middle = np.array([*(0.5 * (first + last))[:2], low[2]])
         at = self._wishes.at
         if at is None:
@@ -371,31 +297,25 @@ class _Writer:
             found = best_place(table, area, bases)
             if found is None:
                 size = " x ".join(f"{v * 1e3:.0f}" for v in (high - low)[:2])
+                words = f"which is {size} mm seen from above: say --at X,Y,Z"
                 raise RequestError(
-                    f"{self._file}: the table has no room for the assembly, which is {size} mm"
-                    " seen from above: say --at X,Y,Z"
+                    f"{self._file}: the table has no room for the assembly, {words}"
                 )
             at = (*found, table.top)
-        return translation(*(np.array(at) - middle)) @ turn
+        return translation(*(np.array(at) - middle)) @ self._turn
 
     def _entries(
         self, groups: Sequence[Group], place: Transform
     ) -> tuple[PartEntry, ...]:
         """Return the parts of the scenario, in the order of their steps."""
-        names = unique_names(
-            [kind.name for kind, *_ in groups], dict.fromkeys(fixture_names(self._cell))
-        )
-        return tuple(
-            PartEntry(
-                name,
-                kind,
-                tuple(place @ own.pose for own in placed),
-                insert,
-                length,
-                self._densities[placed[0].name],
-            )
-            for name, (kind, placed, insert, length) in zip(names, groups, strict=True)
-        )
+        kinds = [kind.name for kind, *_ in groups]
+        names = unique_names(kinds, fixture_names(self._cell))
+        out = []
+        for name, (kind, placed, insert, length) in zip(names, groups, strict=True):
+            goals = tuple(place @ own.pose for own in placed)
+            density = self._densities[placed[0].name]
+            out.append(PartEntry(name, kind, goals, insert, length, density))
+        return tuple(out)
 
     def _layout(
         self,
@@ -406,57 +326,56 @@ class _Writer:
     ) -> Layout:
         """Return where the parts lie at the start."""
         listed = ordered_parts(context).listed
-        low, high = bounds_of(
-            own.vertices @ place[:3, :3].T + place[:3, 3]
-            for kind in self._types
-            for own in kind.placed
-        )
-        obstacles = (*table.obstacles, (Area(low[:2], high[:2]), _FROM_ASSEMBLY))
-        parts = []
-        base = next(
-            item for item in context.built.fixtures if item.name == self._base.name
-        )
-        there: dict[str, PlacedObject] = {base.name: (base, place @ self._base.pose)}
+        low, high = self._bounds(place, self._placed.values())
+        obstacles = [*table.obstacles, (Area(low[:2], high[:2]), _FROM_ASSEMBLY)]
+        table = replace(table, obstacles=obstacles, middle=0.5 * (low + high)[:2])
+        parts, pose = [], place @ self.base.pose
+        there = {
+            name: (item, pose) for name, (item, _) in self._standing(context).items()
+        }
         for own in entries:
             name = own.name if len(own.goals) == 1 else f"{own.name}.1"
             item, handling = context.built.object(name), listed.handling(name)
             parts.append(PartToLay(own.name, item, own.goals, handling, dict(there)))
             there |= {f"{name}/{k}": (item, goal) for k, goal in enumerate(own.goals)}
         try:
-            return lay_out(
-                parts,
-                context.cell.robots,
-                listed.frame,
-                Table(table.area, table.top, obstacles, 0.5 * (low + high)[:2]),
-            )
+            return lay_out(parts, context.cell.robots, listed.frame, table)
         except ValueError as error:
-            raise RequestError(
-                f"{self._file}: the table has no room left for {error}"
-            ) from None
+            words = f"the table has no room left for {error}"
+            raise RequestError(f"{self._file}: {words}") from None
+
+    def _standing(self, context: CheckContext) -> dict[str, PlacedObject]:
+        """Return the base of the assembly, as it stands in a cell."""
+        return {
+            item.name: (item, item.pose)
+            for item in context.built.fixtures
+            if item.name == self.base.name
+        }
 
     def _presses(self, context: CheckContext) -> list[dict[str, Any]]:
         """Return the pairs of parts that are in each other in their places, as ``fits``."""
-        goals = ordered_parts(context).listed.goals
-        placed: dict[str, Any] = {
-            name: (context.built.object(name), pose) for name, pose in goals.items()
-        }
-        others = {
-            item.name: (item, item.pose)
-            for item in context.built.fixtures
-            if item.name == self._base.name
-        }
+        placed = self._standing(context)
+        for name, pose in ordered_parts(context).listed.goals.items():
+            placed[name] = context.built.object(name), pose
         deepest: dict[tuple[str, str], float] = {}
-        for name, own in placed.items():
-            for other in nearby_entities(own, others, 0.0):
-                deep = overlap_depth(own, others[other])
-                if deep > ROUNDING:
-                    pair = _entry_name(other), _entry_name(name)
-                    deepest[pair] = max(deepest.get(pair, 0.0), deep)
-            others[name] = own
+        for other, name, _ in _meeting(placed):
+            deep = overlap_depth(placed[name], placed[other])
+            if deep > ROUNDING:
+                pair = _entry_name(other), _entry_name(name)
+                deepest[pair] = max(deepest.get(pair, 0.0), deep)
         return [
             {"parts": list(pair), "press_m": round(deep + 5e-7, 6)}
             for pair, deep in deepest.items()
         ]
+
+
+def _meeting(placed: Mapping[str, PlacedObject]) -> Iterator[tuple[str, str, float]]:
+    """Yield pairs whose convex pieces meet, the earlier first, and the gap of these [m]."""
+    before: dict[str, PlacedObject] = {}
+    for name, own in placed.items():
+        for other, gap in nearby_entities(own, before, 0.0).items():
+            yield other, name, gap
+        before[name] = own
 
 
 def _entry_name(name: str) -> str:

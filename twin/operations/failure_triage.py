@@ -5,7 +5,7 @@ The possible decisions are to retry the skill, to restart its step, to ask a per
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -35,6 +35,7 @@ from twin.operations.commitment import (
 from twin.operations.ledger import LedgerDraft
 from twin.operations.person import AGAIN, Person, Question
 from twin.scenario.sections.execution import ExecutionSection
+from twin.uncertainty.disturbances import SkillFailure
 from twin.uncertainty.draws import uniforms
 
 _NO_PROCESS = (
@@ -69,12 +70,14 @@ class FailureTriage:
         ledger: state of the operation; it is updated.
         person: answers questions before a step is abandoned.
         allows: returns whether parts can be used at their measured poses.
+        is_named: returns whether a step has one of some names.
     """
 
     section: ExecutionSection
     ledger: LedgerDraft
     person: Person
     allows: Callable[[Poses], bool] = lambda _: False
+    is_named: Callable[[int, Collection[str]], bool] = lambda *_: False
 
     def decide(self, tpg: TemporalPlanGraph, trigger: ReplanTrigger) -> TriageResult:
         """Decide the recovery from each failure, and the change of its object."""
@@ -84,9 +87,13 @@ class FailureTriage:
             change, fate = self._object_changes(tpg, trigger, failure, task)
             changes.append(change)
             self.ledger.tries[task.step, task.kind] += not failure.missing
-            often = self.ledger.tries[task.step, task.kind]
-            if often > self.section.recovery.again and not self._requests_repair(task):
+            often, said = self.ledger.tries[task.step, task.kind], self._said(task)
+            limit = said.most(self.section.recovery.again)
+            if task.step in self.ledger.rejected:
+                words.append(f"{task.object} is left to a person")
+            elif often > limit and not self._requests_repair(task):
                 self.ledger.give_up(task.step, f"{task.label} failed {often} times")
+                self._reject(task, said)
                 reopened[task.step] = frozenset({task.robot})
                 words.append(f"step {task.step} is given up")
             elif fate or task.kind == "pick":
@@ -94,13 +101,16 @@ class FailureTriage:
                 how = fate or "is left where it is"
                 how = "has not come yet" if failure.missing else how
                 words.append(f"step {task.step} is begun anew: {task.object} {how}")
-            elif (then := self._reaction(task)) == "scrap":
+            elif said.then == "scrap":
                 self.ledger.give_up(task.step, f"{task.object} is scrapped")
+                self._reject(task, said)
                 reopened[task.step] = frozenset({task.robot})
                 words.append(f"step {task.step} is given up: {task.object} is scrapped")
-            elif then == "rework" and (
+            elif said.then == "rework" and (
                 before := self._processes_at(tpg, trigger, task)
             ):
+                order = (work.step for work in before if said.named)
+                self.ledger.reworked[task.step] = tuple(order)
                 reopened |= {work.step: frozenset[str]() for work in before}
                 reopened[task.step] = frozenset({task.robot})
                 *most, last = [work.label for work in before]
@@ -112,7 +122,8 @@ class FailureTriage:
 
     def _requests_repair(self, task: Task) -> bool:
         """Ask a person to fix a repeated failure; return whether that helps."""
-        if task.step in self.ledger.undone:
+        rework = self._said(task).rework
+        if task.step in self.ledger.undone or (rework and rework.then == "scrap"):
             return False
         words = (
             f"{task.label} failed again and again: will you see to step {task.step}?"
@@ -128,10 +139,11 @@ class FailureTriage:
     def _processes_at(
         self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, task: Task
     ) -> list[Task]:
-        """Return the processes that were done to a part at its present place before another one, by step.
+        """Return the processes to be repeated before a failed one, by step.
 
-        Those since the part was last handled, apart from steps that are abandoned.
+        Those done to its part since that was last handled, or the named ones, apart from abandoned steps.
         """
+        named = self._said(task).named
         clock, counts = trigger.clock, trigger.released
         if clock is not None:
             counts = tuple(map(len, clock.ended_s))
@@ -143,13 +155,19 @@ class FailureTriage:
             t.step: t
             for t in own
             if t.step > since and t.kind not in _NO_PROCESS and t.index in done
+            if not named or self.is_named(t.step, named)
         }
         return [works[k] for k in sorted(works.keys() - self.ledger.undone)]
 
-    def _reaction(self, task: Task) -> str:
-        """Return the configured reaction to a process that has failed for good."""
-        said = self.section.failures.get(task.kind)
-        return "again" if said is None else said.then
+    def _said(self, task: Task) -> SkillFailure:
+        """Return the section of failures of a skill."""
+        never = SkillFailure(probability=0.0)
+        return self.section.failures.get(task.kind, never)
+
+    def _reject(self, task: Task, said: SkillFailure) -> None:
+        """Record the part of an abandoned process as rejected, if there is a bin for it."""
+        if said.then != "again" and self.section.recovery.bin and task.object:
+            self.ledger.rejected[task.step] = self.ledger.lost(task.object)
 
     def _object_outcome(self, task: Task, *, held: bool) -> ObjectOutcome:
         """Return the outcome for the object of a failed skill."""
@@ -221,7 +239,7 @@ class FailureTriage:
             return (), ""
         fate = self._object_outcome(task, held=at.holder is not None)
         words = fate.value
-        if fate is ObjectOutcome.BESIDE:
+        if fate is ObjectOutcome.BESIDE and task.step not in self.ledger.rejected:
             if found := self._displacement(tpg, trigger, failure, task):
                 self.ledger.measured[name] = found.pose
                 return (found,), _displacement_text(at.pose, found.pose)

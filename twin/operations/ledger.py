@@ -28,6 +28,8 @@ class LedgerEntries:
         tries: how often all attempts at a skill of a step have failed.
         asks: questions to a person.
         measured: measured poses of displaced parts.
+        rejected: parts that are scrapped, by the number of the step that rejected each.
+        reworked: named steps that were done again last before a step, in their order, by its number.
     """
 
     resting: Mapping[int, frozenset[int]]
@@ -40,6 +42,8 @@ class LedgerEntries:
     tries: Mapping[tuple[int, str], int]
     asks: tuple[Ask, ...]
     measured: Mapping[str, Transform]
+    rejected: Mapping[int, str]
+    reworked: Mapping[int, tuple[int, ...]]
 
     @property
     def undone(self) -> frozenset[int]:
@@ -100,6 +104,8 @@ class OperationLedger(LedgerEntries):
     tries: Mapping[tuple[int, str], int] = field(default_factory=dict)
     asks: tuple[Ask, ...] = ()
     measured: Mapping[str, Transform] = field(default_factory=dict)
+    rejected: Mapping[int, str] = field(default_factory=dict)
+    reworked: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     def draft(self) -> LedgerDraft:
         """Return a draft of the next ledger."""
@@ -114,6 +120,8 @@ class OperationLedger(LedgerEntries):
             Counter(self.tries),
             self.asks,
             dict(self.measured),
+            dict(self.rejected),
+            dict(self.reworked),
         )
 
 
@@ -131,6 +139,8 @@ class LedgerDraft(LedgerEntries):
     tries: Counter[tuple[int, str]]
     asks: tuple[Ask, ...]
     measured: dict[str, Transform]
+    rejected: dict[int, str]
+    reworked: dict[int, tuple[int, ...]]
 
     def recorded(self) -> OperationLedger:
         """Return the ledger of this draft, which later changes of it leave as it is."""
@@ -145,6 +155,8 @@ class LedgerDraft(LedgerEntries):
             Counter(self.tries),
             self.asks,
             dict(self.measured),
+            dict(self.rejected),
+            dict(self.reworked),
         )
 
     def answered(self, ask: Ask) -> bool:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -60,6 +59,7 @@ class Operation:
         out: robots out of service.
         asks: questions to a person, and the answers.
         scrapped: wanted products that are incomplete, where there are several.
+        reworked: products of which processes were done again, from 1.
         partial: whether there are steps of the scenario that were not done, or a robot that is out holds something.
         ended: why the execution ended before its plan was complete; None where no such cause is known.
         window: steps planned at a time; None for all.
@@ -73,6 +73,7 @@ class Operation:
     out: frozenset[str]
     asks: tuple[Ask, ...] = ()
     scrapped: tuple[int, ...] = ()
+    reworked: tuple[int, ...] = field(default=(), kw_only=True)
     partial: bool = False
     ended: Ending | None = None
     window: StepWindowSection | None = None
@@ -107,6 +108,7 @@ class Operation:
             ],
             **({"window": self.window.model_dump()} if self.window else {}),
             **({"scrapped": list(self.scrapped)} if self.scrapped else {}),
+            **({"reworked": list(self.reworked)} if self.reworked else {}),
             **({"ended": asdict(self.ended)} if self.ended else {}),
         }
 
@@ -215,6 +217,7 @@ def operate(
     undone = given_up.keys() | ledger.dropped.keys()
     kind = assembly_kind(scenario.assembly).written_out()
     scrapped = _products_of(ledger.given_up, kind)
+    reworked = _products_of(ledger.reworked, kind) or ({1} if ledger.reworked else ())
     executed = _with_products(executed, kind, undone)
     last = world_state_after(executed, [len(chain) for chain in executed.chains])
     in_hand = any(at.holder in replanner.out for at in last.attachments.values())
@@ -253,13 +256,13 @@ def operate(
         bool(undone) or kind.wanted_steps() < kind.steps() or in_hand,
         cell.ended,
         scenario.execution.step_window,
+        reworked=tuple(sorted(reworked)),
     )
 
 
 def _products_of(steps: Iterable[int], kind: AssemblyKind) -> set[int]:
     """Return the products of some steps, from 1; empty for one product."""
-    ends = kind.product_ends()
-    return {bisect_left(ends, step) + 1 for step in steps} if len(ends) > 1 else set()
+    return set() if kind.products() == 1 else set(map(kind.product_of, steps))
 
 
 def _with_products(

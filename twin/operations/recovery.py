@@ -116,7 +116,8 @@ class Recovery(Planner[AssemblyState]):
         undone: Mapping[int, str],
     ) -> None:
         settings = motions.settings
-        seconds = {TaskKind.TAKEN_OUT: self.scenario.execution.recovery.remove_s}
+        own = self.scenario.execution.recovery
+        seconds = {TaskKind.TAKEN_OUT: own.remove.mean if own.remove else own.remove_s}
         settings = replace(
             settings, skill_seconds={**settings.skill_seconds, **seconds}
         )
@@ -131,7 +132,8 @@ class Recovery(Planner[AssemblyState]):
             gone=frozenset(gone),
             measured=dict(measured),
         )
-        cell = with_pending_objects(tpg.cell, (), REMOVAL) if work.passing else tpg.cell
+        removes = work.passing or own.bin
+        cell = with_pending_objects(tpg.cell, (), REMOVAL) if removes else tpg.cell
         steps = planned_steps(tpg)
         self.initial = AssemblyState(
             tpg, TaskSeeds.of(tpg), ledger, cell, chosen, steps, motions
@@ -195,8 +197,9 @@ class Recovery(Planner[AssemblyState]):
         allows = partial(
             self.context.elsewhere.allows, draft.motions.work, draft.task_plan
         )
-        about = self.scenario.execution, ledger, self.person
-        triage = FailureTriage(*about, allows).decide(state.tpg, trigger)
+        about = self.scenario.execution, ledger, self.person, allows
+        is_named = draft.work.is_named
+        triage = FailureTriage(*about, is_named).decide(state.tpg, trigger)
         there = ledger.measured
         draft.task_plan = choices_at_measured_poses(draft.work, draft.task_plan, there)
         return self._from_best_cut(draft, trigger, triage)

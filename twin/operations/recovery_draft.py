@@ -5,7 +5,7 @@ A draft belongs to one cut, which divides the nodes of the executed plan into ke
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from planning.cell.workcell import Workcell, WorldState
@@ -14,9 +14,9 @@ from planning.errors import (
     TransitError,
 )
 from planning.motion.motion_cache import MotionCache
-from planning.tasks.assembly import Assembly
+from planning.tasks.assembly import Assembly, Disposal
 from planning.tasks.assignment import TaskPlan
-from planning.tasks.task import StepTasks
+from planning.tasks.task import StepTasks, TaskKind
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.onward import (
     BlockedStep,
@@ -189,7 +189,9 @@ class Draft:
             for step in given_up & world.begun().keys():
                 reopened.setdefault(step, frozenset())
             now = ReplanningState(
-                world, self.task_plan, reopened, given_up, evading=evading
+                *(world, self.task_plan, reopened, given_up, evading),
+                rejected=dict(self._rejected(world)),
+                reworked=self.ledger.reworked,
             )
             work, undoable = find_infeasible_steps(self.work, now, self.cell)
             if not self.context.elsewhere.keep(work, self.ledger.measured):
@@ -248,6 +250,30 @@ class Draft:
             self.task_plan = onward.task_plan
             self.steps, self.past = onward.steps, onward.past
             return union, new
+
+    def _rejected(self, world: World) -> Iterator[tuple[int, Disposal]]:
+        """Yield the rejected parts on which nothing rests, by step; a person takes what a robot failed to."""
+        ledger, place = self.ledger, self.context.scenario.execution.recovery.bin
+        places = [
+            (k, task.object)
+            for k, own in world.begun().items()
+            for task in own.tasks
+            if task.kind == "place-down" and task.index in world.complete
+        ]
+        for step, name in ledger.rejected.items():
+            assert place is not None
+            own = {k for k, part in places if part == name}
+            above = {k for one in own for k in ledger.resting.get(one, ())}
+            rests = {part for k, part in places if k in above} - {name}
+            if rests & world.state.attachments.keys():
+                continue
+            failed = any(ledger.tries[step, kind] for kind in TaskKind.HANDLING)
+            # Deliveries to a source wait for a person who frees their place.
+            sourced = not own and name in self.work.passing
+            if place == "person" or failed or sourced:
+                yield step, Disposal(step, name, None)
+            else:
+                yield step, Disposal(step, name, place.pose_in(self.cell))
 
     def _asks_for(self, step: int, why: str, now: ReplanningState) -> bool:
         """Ask a person for the object that a step lacks; return whether the ledger changed."""

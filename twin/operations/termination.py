@@ -16,12 +16,13 @@ The measure bounds how often each cause can still occur:
     A  steps * kinds * (again + 1 + robots) - failures since a person last fixed the skill
 
 Here ``times`` is the largest number of questions per step, ``kinds`` the number of kinds of skills, and ``again`` the
-largest number of times that a skill is planned again.
+largest number of times that a skill is planned again, ``rework.times`` included.
 
 An outage, an order change and a missing part reduce E. A longer plan reduces N and leaves E unchanged. A question
 reduces Q. It may reset the failures of one skill and so increase A, but A comes after Q in the order. A failure
 reduces A: a skill of a step fails at most ``again + 1`` times before its step is abandoned, and after that each robot
-still working at the step fails at most once more. E, N, Q and A are natural numbers, so every sequence
+still working at the step fails at most once more. A robot that has failed at putting a rejected part into the bin
+leaves it to a person. E, N, Q and A are natural numbers, so every sequence
 mu(1) > mu(2) > ... is finite.
 
 The planner compares the measure of each revision with the measure of the executed plan. If a revision does not reduce
@@ -84,7 +85,10 @@ def measure_of(
         TaskKind.TAKE_TOOL,
         *scenario.processes,
     }
-    tries = scenario.execution.recovery.again + 1 + len(scenario.cell.robots)
+    execution = scenario.execution
+    again = execution.recovery.again
+    most = max([again, *(own.most(again) for own in execution.failures.values())])
+    tries = most + 1 + len(scenario.cell.robots)
     times = 0 if person.section is None else person.section.times
     return RevisionMeasure(
         events,

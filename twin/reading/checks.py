@@ -79,10 +79,6 @@ def _check_tools(scenario: Scenario) -> Problems:
             words = f"{robot.tool} is changed by {owners[robot.tool]}"
             at = _place(scenario.cell, i, "tool")
             yield at, f"{words}: describe another one for {robot.name}"
-    products = getattr(scenario.assembly, "products", None)
-    if owners and products is not None:
-        where: KeyPath = ("assembly", "products")
-        yield where, "tools are not changed yet where products are made again and again"
 
 
 def _check_tool_speeds(scenario: Scenario) -> Problems:
@@ -137,6 +133,7 @@ def execution_problems(scenario: Scenario, folder: Path) -> Problems:
     yield from _check_overrides(scenario)
     yield from _check_robot_names(scenario)
     yield from _check_skills(scenario)
+    yield from scenario.kind.reject_problems(scenario.execution, scenario.cell)
 
 
 def _check_names(scenario: Scenario) -> Problems:
@@ -385,6 +382,10 @@ def _check_skills(scenario: Scenario) -> Problems:
         if failure.then != "again" and at_a_part:
             words = f"{skill} is no process: a failed skill is retried, or restarted with another object"
             yield ("execution", "failures", skill, "then"), f"{words} (valid: again)"
+        asks = failure.rework is not None and failure.rework.then == "ask"
+        if asks and execution.recovery.ask is None:
+            place = ("execution", "failures", skill, "rework", "then")
+            yield place, "there is nobody to ask: give recovery.ask (valid: scrap)"
         if failure.wrong > 0.0 and skill != "pick":
             words = f"no wrong part is found in {skill}: leave it out (valid: pick)"
             yield ("execution", "failures", skill, "wrong"), words

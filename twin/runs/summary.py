@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from planning.errors import escape_control_characters
+from planning.tasks.task import TaskKind
 from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
@@ -146,10 +147,11 @@ def _actuations(tpg: TemporalPlanGraph, run: ExecutionRecord) -> dict[str, Any]:
 def _machines(
     tpg: TemporalPlanGraph, run: ExecutionRecord
 ) -> dict[str, dict[str, float]]:
-    """Return the busy time and downtime of each processing machine [s]."""
+    """Return the busy time and downtime of each processing machine, without changeovers [s]."""
     found = {}
+    changes = np.array([task.kind == TaskKind.CHANGEOVER for task in tpg.tasks])
     for k in tpg.working_machines():
-        done = run.end_ns[k] >= 0
+        done = (run.end_ns[k] >= 0) & ~changes[tpg.chains[k].task]
         busy = int((run.end_ns[k] - run.start_ns[k])[done].sum())
         down = busy - int(run.duration_ns[k][done].sum())
         found[tpg.chains[k].robot] = {

@@ -170,11 +170,8 @@ def _make_entries(content: dict[str, Any], key: str) -> None:
     execution = content["execution"]
     processes = content["assembly"].get("processes", {})
     if section in ("skills", "failures") and rest:
-        known = tuple(
-            dict.fromkeys(
-                [*TaskKind.SKILLS, TaskKind.HOLD, *execution["skills"], *processes]
-            )
-        )
+        named = (*execution["skills"], *execution["failures"], *processes)
+        known = tuple(dict.fromkeys((*TaskKind.SKILLS, TaskKind.HOLD, *named)))
         if skill not in known:
             raise ScenarioError(
                 f"cannot vary {key}: there is no skill {skill!r}", choices=known

@@ -17,11 +17,7 @@ from planning.errors import FittingError, RobotModelError
 from planning.files import is_file, resolve_file_name
 from planning.robots.descriptions.fitting import Fitting, free_kinds, hold_joints
 from planning.robots.descriptions.read_description import read_description
-from planning.robots.descriptions.urdf_file import (
-    LinkTree,
-    checked_tree,
-    moving_order,
-)
+from planning.robots.descriptions.urdf_file import LinkTree, checked_tree, moving_order
 from planning.robots.descriptions.xml_files import search_folders
 from planning.robots.registry import ROBOTS
 from twin.planning.fitted_robots import DESCRIPTION_FILE
@@ -65,12 +61,6 @@ def without_other_arms(
     The other arms are removed, and the shapes of the links that all share: these are fixtures. They are drawn with
     the first of the robots.
 
-    Args:
-        fitting: the other changes.
-        robot: a robot of the cell.
-        cell: the cell.
-        folder: where relative paths start.
-
     Raises:
         FittingError: two arms contradict each other, or one would move the base of the other.
     """
@@ -80,9 +70,9 @@ def without_other_arms(
     order = {section.name: k for k, section in enumerate(cell.robots)}
     for other in others:
         fault = _contradiction(own, other)
-        if fault and order[other.name] < order[own.name]:
-            raise FittingError(fault, key="joints")
         if fault:
+            if order[other.name] < order[own.name]:
+                raise FittingError(fault, key="joints")
             return fitting  # it is said of the other one
     if robot.base_error is not None:
         raise FittingError(
@@ -107,13 +97,7 @@ def arms_beside(
 ) -> tuple[Arm | None, list[Arm]]:
     """Return a robot as a part of its description, and the other arms on the same body.
 
-    Args:
-        robot: a robot of the cell.
-        cell: the cell.
-        folder: where relative paths start.
-
-    Returns:
-        None where it is alone, or its description cannot be used.
+    The first is None where it is alone, or its description cannot be used.
     """
     base = robot.base.transform()
     candidates = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -28,13 +29,9 @@ def mount_on_shared_bodies(
     folder: Path,
     taken: Collection[str],
 ) -> tuple[tuple[PlacedRobot, ...], tuple[Fixture, ...]]:
-    """Return robots with the bodies that they share, and these bodies.
+    """Return robots, each with what is its own, with the bodies that they share, and these bodies.
 
-    Args:
-        robots: the robots of a cell, each with what is its own.
-        cell: their sections.
-        folder: where relative paths start.
-        taken: names that no fixture may have.
+    No fixture has one of the names that are taken.
     """
     mounted: dict[str, tuple[Fixture, ...]] = {}
     fixtures: tuple[Fixture, ...] = ()
@@ -72,5 +69,5 @@ def _shared_links(
 def _free_name(wanted: str, taken: Collection[str]) -> str:
     """Return a name in the form of names in scenarios that nothing else has."""
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", wanted).lstrip(".-")[:_LONGEST] or "body"
-    others = (f"{name}_{k}" for k in range(2, len(taken) + 3))
-    return next(own for own in (name, *others) if own not in taken)
+    others = (f"{name}_{k}" for k in count(2))
+    return next(own for own in chain([name], others) if own not in taken)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import product, starmap
@@ -21,7 +22,7 @@ from twin.host.progress import Report, report_nothing
 from twin.operations.api import operated_plan, require_operable
 from twin.runs.folder import lock_folder, run_folder
 from twin.runs.policies import NAMED_POLICIES, OPEN_LOOP, parse_policy_name
-from twin.scenario.variations import Variant, Variation
+from twin.scenario.variations import Variant, Variation, apply_variation
 from twin.studies.folder import (
     EDGES,
     REPLICATIONS,
@@ -174,7 +175,7 @@ def study(
     audited: int = 20,
     audit_engine: str | None = None,
     shortcuts: int | None = None,
-    operate: bool = False,
+    operate: bool | None = None,
     failures: float | None = None,
     workers: int | None = 0,
     cluster: Cluster | None = None,
@@ -203,7 +204,8 @@ def study(
             is installed, else coal.
         shortcuts: most shortcuts tried on each plan, in place of the scenario's.
         operate: replan the rest where a skill fails for good or a robot is out, as twin operate
-            does, of the plan that it executes.
+            does, of the plan that it executes; by default where parts may be rejected (``then: rework`` or
+            ``scrap``) and the plans of the policies can be replanned.
         failures: with it, probability that an attempt at any skill fails, a fifth of which lose the
             object; for skills without a rate in the scenario.
         workers: processes; 0 for none besides this one, None for one per core. A script that asks
@@ -229,6 +231,11 @@ def study(
     if isinstance(plan, PlanResult) and shortcuts is not None:
         raise RequestError("shortcuts are for planning, not for a plan that is there")
     motions = None
+    own_cases = (apply_variation(case.sections, variant) for variant in combined)
+    if operate is None and any(own.execution.rejecting for own in own_cases):
+        with suppress(RequestError):
+            require_operable(plan, case, names, combined)
+            operate = True
     if operate:
         require_operable(plan, case, names, combined)
         require_no_study(place, case.sections)
@@ -256,7 +263,7 @@ def study(
     budget = shortcut_budget(case.sections) if shortcuts is None else shortcuts
     request = StudyRequest(
         *(case.sections, case.folder, experiment, budget, deadline_s, sobol, saved),
-        operated=operate,
+        operated=bool(operate),
     )
     require_no_study(place, request.scenario)
     executor = partial(open_executor, workers, cluster)

@@ -89,14 +89,14 @@ def study(
     audit_engine: AuditEngine = None,
     shortcuts: Shortcuts = None,
     operate: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--operate",
+            "--operate/--no-operate",
             help="Replan the remaining work where a skill fails for good or a "
             "robot is out of service, as twin operate does, with the plan "
-            "that it executes.",
+            "that it executes; by default where a failure has then: rework or scrap.",
         ),
-    ] = False,
+    ] = None,
     failures: Annotated[
         float | None,
         typer.Option(

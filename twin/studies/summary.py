@@ -191,6 +191,7 @@ class StudySummary(Figures):
         confidence: of all intervals.
         deadline_s: requested deadline, None without one [s].
         antithetic: whether replications are mirrored pairs.
+        closed_loop: whether replications are replanned after failures.
         cells: of every policy with every variant.
         differences: of policies against each other.
         ranking: of the layouts under every policy, the quickest first; empty where there is only one.
@@ -202,6 +203,7 @@ class StudySummary(Figures):
     confidence: float
     deadline_s: float | None
     antithetic: bool
+    closed_loop: bool
     cells: tuple[CellSummary, ...]
     differences: tuple[Difference, ...]
     ranking: tuple[RankedLayout, ...]
@@ -252,6 +254,10 @@ def summarise_study(
             found["operated"] = operated[cell]
         cells.append(CellSummary(policy=policy, variant=dict(variant), **found))
         doubts |= dict.fromkeys(stall_warnings(own, load.tpg))
+        if own.execution.rejecting and not request.operated:
+            skills = ", ".join(own.execution.rejecting)
+            words = f"replications in which {skills} fails for good count as failed: nothing is done again (--operate)"
+            doubts[words] = None
         disturbances = load.execution.disturbances
         doubts |= dict.fromkeys(unreached_speeds(load.tpg, disturbances, load.seed))
     return StudySummary(
@@ -259,6 +265,7 @@ def summarise_study(
         confidence=confidence,
         deadline_s=request.deadline_s,
         antithetic=experiment.antithetic,
+        closed_loop=request.operated,
         cells=tuple(cells),
         differences=tuple(policy_differences(experiment, samples)),
         ranking=tuple(rank_layouts(experiment, samples)),

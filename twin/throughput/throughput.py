@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.tasks.task import TaskKind, is_product_task
+from planning.tasks.task import changed_tools, is_product_task, is_work
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
@@ -59,11 +59,9 @@ def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
     """Return the nodes of products of a graph, contracted or not; None for fewer than two products."""
     if not np.any(tpg.products):
         return None
-    kinds = [task.kind for task in tpg.tasks]
-    works = np.array(
-        [kind not in (TaskKind.TRANSIT, *TaskKind.SUPPLY) for kind in kinds]
-    )
-    steps = np.array([is_product_task(task) for task in tpg.tasks])
+    tools = changed_tools(tpg.tasks)
+    works = np.array([is_work(task, tools) for task in tpg.tasks])
+    steps = np.array([is_product_task(task, tools) for task in tpg.tasks])
     works, steps = works & (tpg.products > 0), steps & (tpg.products > 0)
     first: list[tuple[int, int]] = []
     last: list[tuple[int, int]] = []

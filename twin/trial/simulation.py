@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from planning.tasks.task import TaskKind
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
@@ -70,8 +71,11 @@ def skill_durations(
             scenario.tool_durations,
         )
     )
+    models, remove = execution.skill_models(folder), execution.recovery.remove
+    if remove is not None:
+        models[TaskKind.TAKEN_OUT] = remove.located(folder)
     return SkillDurations(
-        execution.skill_models(folder),
+        models,
         (*tools, *execution.skill_exceptions(folder), *machines),
         antithetic,
         {key: model.located(folder) for key, model in scenario.actuations.items()},

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from planning.bounds import LONGEST_S
 from planning.cell.workcell import PlacedRobot, PoseError, Workcell
 from planning.errors import ScenarioError
-from twin.document.section import Name, PairOf, Section
+from twin.document.section import Name, PairOf, Section, Several
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.composed import AnyDuration
 from twin.durations.lifetimes import Exponential
@@ -229,6 +229,22 @@ class Breakdowns(MachineBreakdowns):
         return self.clock == clock and (self.robots is None or name in self.robots)
 
 
+class ReworkSection(Section):
+    """What is done again when all attempts at a process have failed.
+
+    Attributes:
+        steps: names of the processes that are done again; all that was done to the part since it came to
+            its place when not given.
+        times: how often, in place of ``recovery.again``.
+        then: what is done when it fails once more: ``scrap``, the part is given up; ``ask``, the person of
+            ``recovery.ask`` is asked before.
+    """
+
+    steps: Several[Name] | None = None
+    times: Annotated[int, Field(ge=1, le=100)] | None = None
+    then: Literal["scrap", "ask"] = "scrap"
+
+
 class SkillFailure(Section):
     """Attempts at a skill that fail.
 
@@ -247,6 +263,7 @@ class SkillFailure(Section):
         offset: how far: its origin is anywhere within ``m``, and it is turned about the vertical by up to ``rad``.
         then: what is done when all attempts at a process have failed, such as an inspection that rejects a part:
             ``again``; ``rework``, what was done to the part before, there, and then again; or ``scrap``, it is given up.
+        rework: what is done again with ``then: rework``, how often, and what then.
     """
 
     probability: Probability
@@ -259,6 +276,23 @@ class SkillFailure(Section):
     beside: Probability = 0.0
     offset: PoseErrorSection = PoseErrorSection(m=0.005)
     then: Literal["again", "rework", "scrap"] = "again"
+    rework: ReworkSection | None = None
+
+    @model_validator(mode="after")
+    def _reworks(self) -> SkillFailure:
+        if self.rework is not None and self.then != "rework":
+            raise ValueError("rework says what is done again: give then: rework, too")
+        return self
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Names of the steps that are done again; empty for all that was done to the part."""
+        return () if self.rework is None else self.rework.steps or ()
+
+    def most(self, again: int) -> int:
+        """Return how often a skill is planned again after failures, ``recovery.again`` if it does not say."""
+        times = None if self.rework is None else self.rework.times
+        return times or again
 
     def of(self, robot: str, part: str | None) -> float:
         """Return the probability that an attempt of a robot with a part fails, whatever the reason."""

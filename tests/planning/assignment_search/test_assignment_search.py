@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.assignment_search.annealing import anneal, list_neighbours
 from planning.assignment_search.operations import list_operations
 from planning.assignment_search.prediction_tables import PredictionModel, build_model
 from planning.assignment_search.rollout import predict_makespan
+from planning.assignment_search.search import anneal, list_neighbours
 from planning.makespan_bound.makespan_bound import makespan_bound_s
 from planning.motion.full_turns import without_turns
 from planning.tasks.assembly import Assembly

@@ -9,10 +9,9 @@ import pytest
 from planning.cad import step_file
 from planning.cad.glb_bodies import read_bodies
 from planning.cad.part_types import readable_name, sort_by_shape, unique_names
-from planning.cad.step_file import triangulate_step
+from planning.cad.step_file import read_assembly, triangulate_step
 from planning.cad.step_text import check_step_text
 from planning.errors import RequestError
-from twin.cad.assembly_file import read_assembly
 
 PEGS = Path(__file__).parent / "pegs.step"
 GOOD = PEGS.read_bytes()

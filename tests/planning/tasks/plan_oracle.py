@@ -77,6 +77,12 @@ def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
             if on_it[robot] != tool:
                 total += problem.changes[robot, on_it[robot], tool]
                 on_it[robot] = tool
+    if problem.returns:
+        total += sum(
+            problem.changes[robot, on_it[robot], tool]
+            for robot, tool in problem.mounted.items()
+            if on_it[robot] != tool
+        )
     return total
 
 

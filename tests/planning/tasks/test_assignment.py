@@ -103,6 +103,7 @@ def problems(draw: st.DrawFn) -> AssignmentProblem:
             for robot, tools in own.items()
             for old, new in permutations(tools, 2)
         },
+        draw(st.booleans()),
     )
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import yaml
 
+from planning.cad.step_file import read_assembly
 from tests.cad_assemblies import ASSEMBLIES, write_step
 from tests.twin.program import invoke
-from twin.cad.assembly_file import read_assembly
 from twin.cad.part_order import ordered_groups
 
 PEGS = Path(__file__).parents[2] / "planning" / "cad" / "pegs.step"

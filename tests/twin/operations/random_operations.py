@@ -23,13 +23,15 @@ import numpy as np
 
 from benchmarks.operate import audited
 from planning.errors import PlanInvariantError
-from planning.tasks.task import TaskKind
+from planning.tasks.task import Handling, TaskKind
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operations.operated import STACK, operated, planned
-from tests.twin.operations.reworked import REWORKED
+from tests.twin.operations.reworked import BIN, REWORKED, with_crate
+from tests.twin.scenarios.ovens import OVEN
+from tests.twin.scenarios.tool_line import AT_RACKS, tool_line
 from twin.operations.operation import Operation
 from twin.runs.events import Event
 from twin.runs.trajectory import object_placements
@@ -60,6 +62,21 @@ def _stations() -> str:
     return re.sub(r"(_a, brick: 2x4, at: \[.*?\])", r"\1, station: true", text)
 
 
+def _inspected() -> str:
+    """Return machine tending with a gauge beside the mill, and a crate for what it rejects."""
+    text = _shipped("assembly/machine_tending")
+    crate = "{name: crate, size_m: [0.2, 0.2, 0.3], pose: {xyz_m: [-0.5, 0.3, 0.15]}}"
+    for old, new in {
+        r"    mill: \{door.*\n": "    mill: {}\n    gauge: {}\n",
+        r"(    washing: \{)": "    inspect: {duration: {kind: fixed, value_s: 3}, machine: gauge}\n\\1",
+        r"(process: milling, at: \{part: blank\})(\})": "\\1, name: milled\\2\n    - {process: inspect, at: {part: blank}}",
+        r"(    - \{name: table)": f"    - {crate}\n\\1",
+    }.items():
+        text, count = re.subn(old, new, text)
+        assert count == 1, old
+    return text
+
+
 _FEW_PLACES = {"counts": [1, 1], "pitch_m": [0.1, 0.1]}
 
 CELLS: dict[str, tuple[Callable[[], str], Values]] = {
@@ -72,6 +89,16 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
         {"window": {"steps": 4, "least": 2}},
     ),
     "reworked": (lambda: REWORKED, {}),
+    "rejecting": (lambda: with_crate(REWORKED), {"recovery.bin": BIN}),
+    "rejecting to a person": (lambda: REWORKED, {"recovery.bin": "person"}),
+    "rejecting in a line": (
+        _inspected,
+        {
+            "assembly.products": {"count": 3, "spare": 1},
+            "machines": {},
+            "recovery.bin": {"fixture": "crate", "pose": {"xyz_m": [0, 0, 0.35]}},
+        },
+    ),
     "magazine": (_magazine, {}),
     "gluing": (lambda: _shipped("assembly/gluing"), {}),
     "gluing, held back": (lambda: _shipped("assembly/gluing"), {"windows.hold": 0.8}),
@@ -98,6 +125,11 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
             "window": {"steps": 5, "least": 2},
         },
     ),
+    "tools in a line": (
+        lambda: tool_line(Path(tempfile.mkdtemp(prefix="railed-"))) + AT_RACKS,
+        {"assembly.products": {"count": 2, "spare": 1, "in_progress": 2}},
+    ),
+    "oven": (lambda: OVEN, {}),
     "truss": (lambda: _shipped("assembly/truss"), {}),
     "tower": (
         lambda: _shipped("construction/tower"),
@@ -140,6 +172,10 @@ def drawn_values(name: str, seed: int) -> Values:
     values: Values = {}
     for skill in sorted(every):
         values[f"failures.{skill}"] = _failure(draw, skill, case.sections.processes)
+    if name.startswith("rejecting"):
+        line = name.endswith("line")
+        names = ["milled"] if line else ["first", "second", "third"]
+        values["failures.inspect"] |= _rejects(np.random.default_rng(seed), names)
     values["recovery.again"] = int(draw.integers(0, 4))
     values["recovery.planning_s"] = float(draw.choice([0.0, 1.0, 8.0]))
     values["latency_s"] = float(draw.choice([0.0, 0.0, 0.05, 0.5]))
@@ -194,6 +230,17 @@ def _failure(draw: Draw, skill: str, processes: Mapping[str, object]) -> Values:
     elif skill in processes:
         item["then"] = str(draw.choice(["again", "rework", "scrap"]))
     return item
+
+
+def _rejects(draw: Draw, every: list[str]) -> Values:
+    """Return what becomes of a part that is rejected, mostly that some steps are done again."""
+    if draw.random() < 0.3:
+        return {"then": "scrap"}
+    names = [name for name in every if draw.random() < 0.6]
+    rework: Values = {"steps": names} if names else {}
+    if draw.random() < 0.7:
+        rework["times"] = int(draw.integers(1, 4))
+    return {"then": "rework", "rework": rework}
 
 
 def _may_be_late(plan: PlanResult) -> list[str]:
@@ -281,8 +328,17 @@ def _untold(done: Operation, plan: PlanResult, whole: PlanResult) -> Iterator[st
         p.object: p for p in object_placements(done.tpg, done.record)
     }  # the last one of each
     resting = [p.pose[:3, 3] for p in ends.values() if p.holder is None]
+    placed = {t.step: t.object for t in done.tpg.tasks if t.kind == "place-down"}
+    scrapped = {
+        h.object
+        for task in done.tpg.tasks
+        for h in task.handlings
+        if h.holder == Handling.GONE and task.step in done.given_up
+    }
     for step, at in goals.items():
         filled = any(np.linalg.norm(at - own) < 1e-3 for own in resting)
+        if not filled and placed.get(step) in scrapped:
+            continue
         if filled == (step in undone):
             state = "filled and undone" if filled else "neither filled nor told"
             yield f"the goal of step {step} is {state}"

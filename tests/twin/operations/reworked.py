@@ -4,6 +4,18 @@ from tests.twin.scenarios.cells import cell, panda
 
 _TOOL = ", frames: {driver: {xyz_m: [0, 0, 0.114]}}"
 
+BIN = {"fixture": "crate", "pose": {"xyz_m": [0, 0, 0.2]}}
+"""A bin over a crate that the left arm reaches."""
+
+_CRATE = "{name: crate, size_m: [0.2, 0.2, 0.05], pose: {xyz_m: [-0.7, 0.35, 0.025]}}"
+
+
+def with_crate(text: str) -> str:
+    """Return a scenario with a crate beside the left arm."""
+    head, rest = text.split("  fixtures:\n")
+    return f"{head}  fixtures:\n    - {_CRATE}\n{rest}"
+
+
 REWORKED = cell(
     "reworked",
     (panda("left", -0.55, _TOOL), panda("right", 0.55, _TOOL)),

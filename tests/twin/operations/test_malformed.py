@@ -60,6 +60,7 @@ stack | recovery: {ask: {times: 0}}                                    | 0}}    
 stack | recovery: {ask: yes}                                           | yes      | a mapping (key: value) expected
 stack | recovery: {again: 2.5}                                         | 2.5      | a whole number expected, not 2.5
 stack | recovery: {remove_s: 1e9}                                      | 1e9      | must be at most 3600
+stack | recovery: {bin: person}                                        | person   | a bin is for assemblies of parts that are planned step by step: leave it out
 stack | recovery: 3                                                    | 3        | a mapping (key: value) expected, not 3
 """)
 

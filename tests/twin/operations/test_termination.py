@@ -23,6 +23,7 @@ BY_DAY = {
     "stack in windows of two": 2,
     "stack of stations": 2,
     "reworked": 2,
+    "rejecting": 1,
     "tower": 2,
     "gluing": 1,
     "tending": 1,

@@ -32,6 +32,7 @@ from twin.kinds.parts.variants import repeated_sequence, sequence_by_shares
 from twin.planning.pipeline import plan_motions
 from twin.reading.scenario_file import load_scenario
 from twin.runs.execution_record import ExecutionRecord
+from twin.runs.summary import summarize_run
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
 from twin.throughput.throughput import line_summary
@@ -170,7 +171,8 @@ def test_what_refers_to_steps_of_other_variants_does_not_count(tmp_path: Path) -
     short, long = own.of_variant("short"), own.of_variant("long")
     assert [[x.step for x in step.follows] for step in short.steps] == [[], ["carrier"]]
     assert short.steps[1].until is None
-    assert short.joined == short.fits == ()
+    assert not short.joined
+    assert not short.fits
     assert [[x.step for x in step.follows] for step in long.steps][2] == [
         "nut",
         "carrier",
@@ -259,6 +261,8 @@ def test_a_mix_goes_through_both_engines_and_all_proofs(
     figures = line_summary(tpg, run, *kind.due())
     assert figures is not None
     assert figures["products"] == 4
+    machines = summarize_run(tpg, run, own.name)["machines"]
+    assert machines["press"]["busy_s"] == pytest.approx(4 * 2.0)
     assert scenario_expectations(own).places == ()
 
 

@@ -30,7 +30,13 @@ def toy_summary(cells: Sequence[CellSummary], **known: Any) -> StudySummary:
     none: dict[str, Any] = {"differences": (), "ranking": (), "refused": ()}
     known = {"confidence": 0.9, "deadline_s": None, **known}
     return StudySummary(
-        scenario="toy", antithetic=False, cells=cells, warnings=(), **none, **known
+        scenario="toy",
+        antithetic=False,
+        closed_loop=False,
+        cells=cells,
+        warnings=(),
+        **none,
+        **known,
     )
 
 

@@ -58,6 +58,7 @@ def assembly_of(line: Line) -> PartAssembly:
         overlaps=overlaps_of(section),
         supply=line.supply,
         alike=tuple(own.names for own in line.alike if own.goals and not own.sourced),
+        returns=line.products > line.period,
     )
 
 
@@ -130,11 +131,12 @@ def _step(
     when: Any = {"after": tuple(x.step for x in step.follows), "lags": lags}
     if step.place is not None:
         stop = None if at is None else _spot(section, at)
-        own = {"name": step.known_as, "part": step.place}
-        return to_planning_class(PlacePart, step, stop=stop, **own, **when)
+        about = {"name": step.known_as, "part": step.place}
+        return to_planning_class(PlacePart, step, stop=stop, **about, **when)
     assert at is not None
     if job is not None:
-        own = {"machine": job.machine, "part": at.part, "door": job.door}
+        parts = job.parts or (at.part,)
+        own: Any = {"machine": job.machine, "parts": parts, "door": job.door}
         return to_planning_class(MachineWork, step, **own, **when)
     return to_planning_class(
         Work, step, process=_process(section, step), spot=_spot(section, at), **when

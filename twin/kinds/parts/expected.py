@@ -46,10 +46,10 @@ def expectations_of(kind: PartKind, cell: CellSection) -> Expectations:
         if isinstance(step, Work):
             processes.append(_wanted_process(cell, step, {**known, "step": k}))
         elif isinstance(step, MachineWork):
-            lies = where[step.part]
             machine = section.processes[step.process].machine
-            done = step.words, step.part, lies, step.process, machine
-            rests.append(ExpectedRest(*done, **known, step=k))
+            for part in step.parts:
+                done = step.words, part, where[part], step.process, machine
+                rests.append(ExpectedRest(*done, **known, step=k))
         elif step.stop is not None:
             frame = _fixture_frame(cell, step.stop.owner, step.stop.frame)
             where[step.part] = read_only_copy(frame @ step.stop.pose)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,15 +23,18 @@ from twin.kinds.parts.alike import (
     listed_steps,
     with_named_parts,
 )
+from twin.kinds.parts.batches import batch_sizes, order_in_batches
 from twin.kinds.parts.line import Line, machine_durations, write_out_line
 from twin.kinds.parts.problems import (
     disturbed_machines,
     find_part_problems,
     machine_names,
 )
+from twin.kinds.parts.rejects import find_reject_problems
 from twin.kinds.parts.section import PartSection, PartsSection
 from twin.planning.shapes import build_shape
 from twin.scenario.sections.cell import CellSection, RobotSection, actuation_model
+from twin.scenario.sections.execution import ExecutionSection
 from twin.scenario.sections.kind import ASSIGNMENT, NO_WINDOW, AssemblyKind, IdleReason
 from twin.scenario.sections.shapes import to_planning_class
 
@@ -90,15 +93,35 @@ class PartKind(AssemblyKind):
         products = self.section.products
         if products is None or not self.whole:
             return self.steps()
-        return self.product_ends()[products.count - 1]
+        return self.product_ends()[min(products.count, len(self.product_ends())) - 1]
 
     def product_ends(self) -> Sequence[int]:
-        """Return the number of the last step of each product."""
+        """Return the number of the last step of each product; of all together where batches interleave them."""
+        if self._order:
+            return (len(self._order),)
         steps = {k: self.section.steps_of(k) for k in self.variants()}
         if steps:
             return list(accumulate(len(steps[k]) for k in self.variants()))
         count = len(listed_steps(self.section))
         return range(count, count * self.products() + 1, count)
+
+    def product_of(self, step: int) -> int:
+        """Return the product of a step of all products, both from 1; of a batch, that of its last part."""
+        order = self._order
+        return order[step - 1][-1][0] + 1 if order else super().product_of(step)
+
+    @cached_property
+    def _order(self) -> Sequence[Sequence[tuple[int, int]]]:
+        """Products and their steps, from 0, in the order in which they are done; empty without batches."""
+        if not (sizes := batch_sizes(self.section)):
+            return ()
+        section, variants = self.section, self.variants() or [""] * self.products()
+        steps, own = (
+            listed_steps(section),
+            {k: section.steps_of(k) for k in {*variants}},
+        )
+        listed = {k: [section.steps[n] for n in steps if n in own[k]] for k in own}
+        return order_in_batches([listed[k] for k in variants], sizes)
 
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product, spare ones included if expanded; empty without variants."""
@@ -184,6 +207,12 @@ class PartKind(AssemblyKind):
         """Yield the problems of the section, such as unknown or repeated names."""
         return find_part_problems(self.section, cell)
 
+    def reject_problems(
+        self, execution: ExecutionSection, cell: CellSection
+    ) -> Problems:
+        """Yield unknown steps of rework, and unknown fixtures and robots of the bin."""
+        return find_reject_problems(self.section, execution, cell)
+
     def object_kinds(self) -> Iterable[str]:
         """Return the types of the parts, each once."""
         return dict.fromkeys(part.shape_words for part in self.section.parts)
@@ -263,10 +292,19 @@ class PartKind(AssemblyKind):
         return tuple(replace(self, unit=unit) for unit in found.units)
 
     def _line_units(self) -> LineUnits | None:
-        """Return the units of products of several variants, None where the first products are planned together."""
+        """Return the units of products of several variants, None where products are planned together.
+
+        They are where batches interleave them, where places of a grid are taken by turns, and where the work in
+        progress is bounded.
+        """
         from twin.kinds.parts.units import line_units
 
-        if self.whole or not self.variants():
+        products, steps = self.section.products, self.section.steps
+        if self.whole or not self.variants() or self._order:
+            return None
+        if products is None or products.in_progress:
+            return None
+        if any(step.at and step.at.grid for step in steps):
             return None
         return line_units(self.section.model_dump_json())
 

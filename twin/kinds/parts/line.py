@@ -7,8 +7,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import accumulate
 from typing import TypeVar
+
+import numpy as np
 
 from planning.parts.assembly import TimeLag
 from planning.parts.supply import Leaving, Supply
@@ -19,6 +20,13 @@ from scheduling.sequences.copies import product_part_name
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
+from twin.kinds.parts.batches import (
+    batch_names,
+    batch_sizes,
+    batch_unit,
+    merged_batches,
+    order_in_batches,
+)
 from twin.kinds.parts.between import FitSection
 from twin.kinds.parts.changeovers import find_changeovers
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
@@ -45,23 +53,28 @@ class MachineJob:
         machine: its machine; an unattended step has its own chain.
         door: name of the object that is its door for as long as it works, None for none.
         part: what this door is called in every product, None for none.
-        product: for which product it works, from 1.
+        product: for which product it works, from 1; of a batch, the last one.
+        parts: all parts of a batch, empty for one part.
     """
 
     machine: str
     door: str | None = None
     part: str | None = None
     product: int = 1
+    parts: tuple[str, ...] = ()
 
 
 def machine_jobs(
-    section: PartsSection, products: Sequence[int]
+    section: PartsSection,
+    products: Sequence[int],
+    batches: Mapping[int, tuple[str, ...]],
 ) -> Mapping[int, MachineJob]:
     """Return the jobs of steps without robots, by step number from 1.
 
     Args:
         section: with the steps of all products that are written out.
         products: the product of each step, from 1.
+        batches: the parts of batches, by step number.
     """
     uses = Counter(step.process for step in section.steps if step.process)
     found: dict[int, MachineJob] = {}
@@ -85,7 +98,8 @@ def machine_jobs(
             door = (
                 part if section.products is None else product_part_name(part, product)
             )
-        found[number] = MachineJob(machine, door, part, product)
+        parts = batches.get(number, ())
+        found[number] = MachineJob(machine, door, part, product, parts)
     return found
 
 
@@ -100,7 +114,7 @@ class Line:
         products: how many there are to be.
         period: how many are written out.
         origins: of each step its product, from 1, and its index among the steps of the section that was expanded,
-            from 0.
+            from 0; of a batch, those of its last part.
         numbers: part and product by name of a numbered part.
         jobs: jobs of steps without robots, by step number from 1.
         changeover_times: durations of the changeovers.
@@ -160,7 +174,7 @@ def write_out_line(section: PartsSection, *, whole: bool = False) -> Line:
         line = _written_out(named.model_dump_json(), whole)
     else:
         origins = tuple((1, k) for k in range(len(named.steps)))
-        jobs = machine_jobs(named, [1] * len(origins))
+        jobs = machine_jobs(named, [1] * len(origins), {})
         line = Line(named, origins=origins, jobs=jobs)
     return line if named is section else replace(line, alike=alike_parts(section))
 
@@ -171,7 +185,7 @@ def _written_out(text: str, whole: bool) -> Line:
 
 
 def _has_line(section: PartsSection) -> bool:
-    return bool(section.sources) or section.products is not None
+    return bool(section.sources or section.products or batch_sizes(section))
 
 
 def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
@@ -234,16 +248,13 @@ class _Writer:
         self.places = [translation(0.0, 0.0, 0.0)] if grid is None else grid.places()
         every = whole or bool(self.sequence)
         self.period = self.products if every else self._period()
-        self.origins = tuple(
-            (product, k)
-            for product in range(1, self.period + 1)
-            for k in section.steps_of(self._variant(product))
-        )
-        self.ends = list(
-            accumulate(
-                len(self._of(product).steps) for product in range(1, self.period + 1)
-            )
-        )
+        own = [self._of(k).steps for k in range(1, self.period + 1)]
+        self.order = [
+            [(k + 1, n) for k, n in group]
+            for group in order_in_batches(own, batch_sizes(section))
+        ]
+        self.number = {k: n for n, group in enumerate(self.order, 1) for k in group}
+        self.ends = [self.number[k, len(n) - 1] for k, n in enumerate(own, 1)]
 
     def _variant(self, product: int) -> str:
         return self.sequence[product - 1] if self.sequence else ""
@@ -281,10 +292,10 @@ class _Writer:
         for name in self.section.placed:
             if self.parts[name].source is None:
                 parts.append(self._part(name, 1, None))
-        steps = tuple(
-            self._step(step, product)
-            for product in range(1, self.period + 1)
-            for step in self._of(product).steps
+        steps, batches = self._steps()
+        origins = tuple(
+            (product, self.section.steps_of(self._variant(product))[k])
+            for *_, (product, k) in self.order
         )
         section = self.section.model_copy(
             update={
@@ -296,7 +307,9 @@ class _Writer:
                 ),
             }
         )
-        jobs = machine_jobs(section, [product for product, _ in self.origins])
+        bound = section.products.in_progress if section.products else None
+        made_for = [product for product, _ in origins]
+        jobs = machine_jobs(section, made_for, batches)
         if section.products is not None:
             for job in jobs.values():
                 if job.door is not None and job.part is not None:
@@ -310,12 +323,14 @@ class _Writer:
                 dict(self._leaves()),
                 _elsewhere(steps),
                 frozenset(sourced),
+                bound,
+                tuple(made_for) if bound else (),
                 tuple(item for item, _ in changeovers),
             ),
             frozenset(later),
             self.products,
             self.period,
-            self.origins,
+            origins,
             numbers,
             jobs,
             tuple(
@@ -330,13 +345,18 @@ class _Writer:
         )
 
     def _period(self) -> int:
-        """Return the period: number of products after which all sources are full and places empty."""
-        period = 1
-        for source, slots in self.slots.items():
-            size, names = len(slots), self._names(source, 1)
-            if names:
-                period = math.lcm(period, size // math.gcd(size, len(names)))
-        period = math.lcm(period, len(self.places))
+        """Return the period: number of products after which all sources are full and places and machines empty.
+
+        It is all of them where the last batch is smaller than the others.
+        """
+        shares = [(len(own), len(self._names(k, 1))) for k, own in self.slots.items()]
+        grids = (step.at.grid for step in self.section.steps if step.at)
+        shares += [(grid.size, 1) for grid in grids if grid]
+        batches = batch_unit(self.section)
+        if self.products % batches:
+            return self.products
+        periods = (n // math.gcd(n, own) for n, own in shares if own)
+        period = math.lcm(len(self.places), batches, *periods)
         return min(period, self.products)
 
     def _name(self, part: str, product: int) -> str:
@@ -348,19 +368,26 @@ class _Writer:
 
         They are those of the products that are written out, and those that fill the source at their end.
         """
-        size, found, own = len(self.slots[source]), list[tuple[str, int]](), 0
-        for product in range(1, self.products + 1):
-            found += [(name, product) for name in self._names(source, product)]
-            own = len(found) if product <= self.period else own
-            if product > self.period and (not found or len(found) >= own + size):
-                break
-        return found[: own + size]
+        picked = (
+            (self._of(product).steps[k].place or "", product)
+            for group in self.order
+            for product, k in group
+        )
+        first = dict.fromkeys(picked)
+        found = [own for own in first if own[0] and self.parts[own[0]].source == source]
+        size = len(self.slots[source])
+        copies = -(-size // len(found)) if found else 0
+        more = (
+            (name, product + copy * self.period)
+            for copy in range(1, copies + 1)
+            for name, product in found
+        )
+        return [*found, *[own for own in more if own[1] <= self.products][:size]]
 
     def _taken_in(self, part: str, product: int) -> int:
         """Return the step that takes a part of a source, from 1."""
         steps = self._of(product).steps
-        own = [step.place for step in steps].index(part) + 1
-        return self.ends[product - 1] - len(steps) + own
+        return self.number[product, [step.place for step in steps].index(part)]
 
     def _part(self, name: str, product: int, slot: Transform | None) -> PartSection:
         part = self.parts[name]
@@ -393,12 +420,14 @@ class _Writer:
         if self.section.products is None or together > self.products:
             return
         for last in range(together, self.period + 1, together):
+            products = range(last - together + 1, last + 1)
             parts = tuple(
                 (self._name(name, product), self._goal(name, product))
-                for product in range(last - together + 1, last + 1)
+                for product in products
                 for name in self._of(product).placed
             )
-            yield self.ends[last - 1], Leaving(OUTFEED, parts)
+            done = max(self.ends[k - 1] for k in products)
+            yield done, Leaving(OUTFEED, parts)
 
     def _goal(self, name: str, product: int) -> Transform:
         goal = self._part(name, product, None).goal
@@ -411,7 +440,7 @@ class _Writer:
             by = joint.by
             if by is not None and self.section.products is not None:
                 by = product_part_name(by, product)
-            yield joint.model_copy(update={"by": by})
+            yield joint.model_copy(update={"by": self.renamed.get(by, by)})
 
     def _of_products(
         self, pairs: Callable[[PartsSection], Sequence[Pair]]
@@ -422,6 +451,20 @@ class _Writer:
                 parts = tuple(self._name(name, product) for name in item.parts)
                 if parts != item.parts or product == 1:
                     yield item.model_copy(update={"parts": parts}), product
+
+    def _steps(self) -> tuple[tuple[StepSection, ...], dict[int, tuple[str, ...]]]:
+        """Return the steps of all products in their order, and the parts of batches, by step number."""
+        groups = [
+            [self._step(self._of(product).steps[k], product) for product, k in group]
+            for group in self.order
+        ]
+        batches = {
+            number: tuple(step.at.part for step in own if step.at and step.at.part)
+            for number, own in enumerate(groups, start=1)
+            if len(own) > 1
+        }
+        self.renamed = batch_names(groups)
+        return merged_batches(groups, self.renamed), batches
 
     def _step(self, step: StepSection, product: int) -> StepSection:
         """Return a step for a product, with that product's names."""
@@ -444,6 +487,12 @@ class _Writer:
         if step.at is not None and step.at.part is not None:
             part = self._name(step.at.part, product)
             update["at"] = step.at.model_copy(update={"part": part})
+        if step.at is not None and (grid := step.at.grid) is not None:
+            pose = np.eye(4) if step.at.pose is None else step.at.pose.transform()
+            before = self.sequence[: product - 1] or [""] * (product - 1)
+            turn = sum(own in (step.variants or before) for own in before) % grid.size
+            place = PoseSection.of(pose @ grid.places()[turn])
+            update["at"] = step.at.model_copy(update={"pose": place, "grid": None})
         return step.model_copy(update=update)
 
 

@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from planning.tasks.task import Task, TaskKind, is_product_task
+from planning.parts.work_in_progress import waits_in_progress
+from planning.tasks.task import Task, TaskKind, changed_tools, is_product_task
 from scheduling.sequences.copies import Pattern, product_part_name
 from twin.kinds.parts.line import Line
 
@@ -43,6 +44,7 @@ def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
     arrive: dict[str, list[int]] = {}
     leave: list[int] = []
     first: list[int] = []
+    tools = changed_tools(tasks)
     for task in tasks:
         if task.kind == TaskKind.PRESENT:
             come.setdefault(task.robot, []).append(task.index)
@@ -57,10 +59,13 @@ def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
             leave.append(task.index)
         elif leave or task.step in line.supply.elsewhere:
             continue
-        elif is_product_task(task):
+        elif is_product_task(task, tools):
             first.append(task.index)
     if leave:
         yield from ((leave[-1], task, 1) for task in first)
+    for a, b, copies in waits_in_progress(line.supply, tasks, line.period):
+        if copies:
+            yield a.index, b.index, copies
     for conveyor, (machine, buffer) in line.supply.buffers.items():
         before = come.get(machine, [])
         for k, task_index in enumerate(arrive.get(conveyor, [])):

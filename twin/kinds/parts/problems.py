@@ -10,6 +10,7 @@ import networkx as nx
 from twin.document.validation import Problems, check_known_name, unknown_name
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import find_alike_problems
+from twin.kinds.parts.batches import batch_problems
 from twin.kinds.parts.line import OUTFEED, Line, feeding_machine
 from twin.kinds.parts.section import PartsSection, StepSection
 from twin.kinds.parts.sources import VariantSection
@@ -30,6 +31,7 @@ def find_part_problems(section: PartsSection, cell: CellSection) -> Problems:
     yield from find_alike_problems(section)
     yield from _check_steps(section)
     yield from _check_line(section)
+    yield from batch_problems(section)
     yield from _check_variants(section)
     yield from _check_work(section, cell)
 

@@ -7,12 +7,19 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from planning.bounds import DENSEST_KG_M3
+from planning.errors import ScenarioError
 from twin.document.section import Name, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration
 from twin.durations.model import PositiveSeconds
 from twin.kinds.parts.between import AfterSection, FitSection
-from twin.kinds.parts.sources import Amount, Places, ProductsSection, SourceSection
+from twin.kinds.parts.sources import (
+    Amount,
+    GridSection,
+    Places,
+    ProductsSection,
+    SourceSection,
+)
 from twin.kinds.statics import BalanceSection, JoinedParts
 from twin.scenario.sections.cell import ActuationTime
 from twin.scenario.sections.kind import AssemblySection
@@ -43,15 +50,17 @@ class DoorSection(ShapedSection):
 
 
 class MachineSection(Section):
-    """A machine that works at one part at a time where that lies; its frame is fixtures.
+    """A machine that works at parts where they lie, at one at a time or at a batch; its frame is fixtures.
 
     Attributes:
         door: what is shut for as long as it works; nothing when not given.
         fixtures: names of those that it is made of: what it works at lies on one of them.
+        capacity: most parts that it works at together, in one run of a process.
     """
 
     door: DoorSection | None = None
     fixtures: tuple[Name, ...] = ()
+    capacity: Annotated[int, Field(ge=1, le=100)] = 1
 
 
 ChangeoverTime = AnyDuration | PositiveSeconds
@@ -292,12 +301,14 @@ class PlaceOfWork(Section):
         fixture: fixture to which it belongs; the world where neither is given.
         frame: name of one of the frames of that part or fixture.
         pose: a pose in that frame, or in the frame of the part, of the fixture or of the world.
+        grid: places there, taken by one product after another.
     """
 
     part: Name | None = None
     fixture: Name | None = None
     frame: Name | None = None
     pose: PoseSection | None = None
+    grid: GridSection | None = None
 
     not_both = (("part", "fixture"),)
 
@@ -455,12 +466,25 @@ class PartsSection(AssemblySection):
 
     @model_validator(mode="after")
     def _with_best_order(self) -> PartsSection:
-        from twin.kinds.parts.changeovers import changeover_seconds
-
         if self.products is not None and self.products.order == "best":
-            self.products.set_changes(changeover_seconds(self))
+            names = self.products.variants
+            try:
+                changes = [[self._seconds_between(a, b) for b in names] for a in names]
+            except ScenarioError as error:
+                words = "order: best needs durations of changeovers without files"
+                raise ValueError(f"{words}: {error}") from None
+            self.products.set_changes(tuple(map(tuple, changes)))
             self.products.sequence(1)  # ValueError: too much to be compared
         return self
+
+    def _seconds_between(self, before: str, after: str) -> float:
+        """Return the longest mean duration of the changeovers between two variants [s]."""
+        both, means = (self.of_variant(before), self.of_variant(after)), [0.0]
+        for item in self.changeovers:
+            time = item.between(before, after)
+            if time is not None and all(own.steps_at(item.machine)[0] for own in both):
+                means.append(time.mean)
+        return max(means)
 
     @property
     def placed(self) -> tuple[str, ...]:
@@ -499,3 +523,23 @@ class PartsSection(AssemblySection):
             ),
             fits=tuple(fit for fit in self.fits if others.isdisjoint(fit.parts)),
         )
+
+    def steps_at(self, machine: str | None) -> tuple[list[int], list[int]]:
+        """Return the steps that first and last concern a machine, or all of them without one, from 1.
+
+        They put a part down where it works, and take it on from there; where it works at a part in its place, they
+        are the work itself.
+        """
+        if machine is None:
+            steps = list(range(1, len(self.steps) + 1))
+            return steps, steps
+        begin, end = list[int](), list[int]()
+        for k, step in enumerate(self.steps):
+            process = self.processes.get(step.process or "")
+            if process is None or process.machine != machine or step.at is None:
+                continue
+            moves = [n for n, own in enumerate(self.steps) if own.place == step.at.part]
+            put = max((n for n in moves if n < k), default=k)
+            begin.append((k if self.steps[put].at is None else put) + 1)
+            end.append(min((n for n in moves if n > k), default=k) + 1)
+        return begin, end

@@ -227,6 +227,22 @@ Variant = Annotated[
 ]
 
 
+class OrderSection(Section):
+    """An order of equal products, made before those of a lower priority, and of a later due time.
+
+    Attributes:
+        count: number of them.
+        variant: of them, where there are variants.
+        priority: the highest comes first.
+        due_s: when they are due.
+    """
+
+    count: Amount
+    variant: Name | None = None
+    priority: Annotated[int, Field(ge=-100, le=100)] = 0
+    due_s: Seconds | None = None
+
+
 class ProductsSection(Section):
     """How many products are made, what becomes of them, and when they are due.
 
@@ -237,9 +253,12 @@ class ProductsSection(Section):
             repeated until there are enough products; ``best`` looks for the sequence in which ``objective`` is least.
         objective: ``makespan``, the number of ``changeovers``, or the sum of ``lateness``.
         seed: of these draws.
+        orders: what is made, in place of shares and ``order``: by priority, then by due time, then as listed.
         places: a pallet: product by product stands in the next of its places, moved from
             ``goal`` along the axes of the world; the pallet leaves when it is full. Every product
             leaves on its own when not given.
+        in_progress: greatest number of products that are begun and not complete at a time; any number when not
+            given.
         leave_s: time until a finished product, or a full pallet, is gone.
         leave: distribution of that time, in place of ``leave_s``.
         due: when they are due: the first and the time between two, or one time a product.
@@ -255,7 +274,9 @@ class ProductsSection(Section):
     order: Literal["drawn", "best"] | Several[Name] = "drawn"
     objective: Objective = "makespan"
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    orders: Annotated[tuple[OrderSection, ...], Field(max_length=1000)] = ()
     places: GridSection | None = None
+    in_progress: Annotated[int, Field(ge=1, le=100)] | None = None
     leave_s: Seconds = 0.0
     leave: AnyDuration | None = None
     due: DueSection | Several[Seconds] | None = None
@@ -286,7 +307,31 @@ class ProductsSection(Section):
             raise ValueError("objective is of order: best")
         if len({self.due is None and one.due is None for one in own}) > 1:
             raise ValueError("give due for each of the variants, for all, or for none")
+        if self.orders:
+            self._check_orders()
         return self
+
+    def _check_orders(self) -> None:
+        total = sum(own.count for own in self.orders)
+        if total != self.count:
+            raise ValueError(f"orders are of {total} products: write count: {total}")
+        if {own.variant for own in self.orders} - (self.variants.keys() or {None}):
+            known = f"one of {', '.join(self.variants)}" if self.variants else "none"
+            raise ValueError(f"the variant of each of the orders must be {known}")
+        every = self.due or any(own.due for own in self.variants.values())
+        if (
+            every
+            or self.order != "drawn"
+            or len({own.due_s is None for own in self.orders}) > 1
+        ):
+            words = "give due_s for each of the orders, or for none"
+            raise ValueError(f"{words}, and neither order nor due")
+
+    @property
+    def _ordered(self) -> list[OrderSection]:
+        """The order of each product, in the sequence in which they are made."""
+        own = sorted(self.orders, key=lambda one: (-one.priority, one.due_s or 0.0))
+        return [one for one in own for _ in range(one.count)]
 
     def _check_best(self) -> None:
         counts = counts_by_shares(self.shares, self.count)
@@ -313,6 +358,9 @@ class ProductsSection(Section):
         """Return the variant of each of a number of first products; empty without variants."""
         if not self.variants:
             return ()
+        if self.orders:
+            names = [one.variant or "" for one in self._ordered]
+            return repeated_sequence(names, count)
         if self.order == "drawn":
             return sequence_by_shares(self.shares, count, self.seed)
         order = self._best_order() if self.order == "best" else self.order
@@ -347,6 +395,7 @@ class ProductsSection(Section):
         return tuple(self._due_s())
 
     def _due_s(self) -> Iterator[float]:
+        yield from (one.due_s for one in self._ordered if one.due_s is not None)
         made = Counter[str]()
         for k, variant in enumerate(self.sequence(self.count) or [""] * self.count):
             own = self.variants[variant].due if variant in self.variants else None

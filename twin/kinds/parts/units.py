@@ -16,7 +16,13 @@ from planning.cell.machine import machine_robot
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.parts.supply import Changeover, Leaving, Supply
 from planning.tasks.refill import PlacedPart
-from planning.tasks.task import STILL, Task, TaskKind, is_product_task
+from planning.tasks.task import (
+    STILL,
+    Task,
+    TaskKind,
+    changed_tools,
+    is_product_task,
+)
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.sequences.copies import product_part_name
@@ -97,6 +103,7 @@ class _Sequence:
         """
         line, m = self._units.units[unit], len(self._planned)
         buffers, products = self._line.supply.buffers, []
+        tools = changed_tools(self._plans[unit].tasks)
         for task in self._plans[unit].tasks:
             here, number = (m, task.index), product
             if task.kind in (TaskKind.ARRIVE, TaskKind.PRESENT):
@@ -115,7 +122,9 @@ class _Sequence:
             elif task.kind == "pick":
                 own = names.get(str(task.object), "")
                 self._wait(self._there.pop(own, None), here)
-            elif is_product_task(task) and task.step not in line.supply.elsewhere:
+            elif (
+                is_product_task(task, tools) and task.step not in line.supply.elsewhere
+            ):
                 self._wait(self._left, here)
             if task.kind == ("place-down" if step.place else step.process):
                 # A robot approaches before it begins a process.
@@ -258,6 +267,7 @@ class _Units:
                 frozenset(local[name] for name in there.keys() & supply.sourced),
             ),
             later=frozenset(local[name] for name in coming),
+            products=self._line.products,
             numbers={
                 **alone.numbers,
                 **{local[name]: (_OTHER, 0) for name in others},

@@ -133,7 +133,7 @@ class Operator:
         """Enter the result of a replication."""
         own = self._operated
         rows.versions[place] = len(done.versions)
-        rows.recoveries[:, place] = _recoveries(done)
+        rows.recoveries[:, place] = _recoveries(own.tpg, done)
         rows.given_up[:, place] = np.isin(rows.steps, list(done.given_up))
         rows.failed[:, place] = np.isin(rows.skills, _failed_skills(own.tpg, done))
         if done.versions and own.only is None:
@@ -141,10 +141,12 @@ class Operator:
             rows.knew_ns[place] = -1 if knew is None else knew
 
 
-def _recoveries(done: Operation) -> list[int]:
+def _recoveries(first: TemporalPlanGraph, done: Operation) -> list[int]:
     """Return the count of each kind of recovery, in the order of RUNGS."""
     counts = dict.fromkeys(RUNGS, 0)
     tasks = done.tpg.tasks
+    # Where a process has failed, a part that is handled goes into the bin.
+    handled = {t.step for t in first.tasks if t.kind in TaskKind.HANDLING}
     for k, task in enumerate(tasks):
         if task.kind != TaskKind.FAILED:
             continue
@@ -155,6 +157,7 @@ def _recoveries(done: Operation) -> list[int]:
             and later.object is not None
             and later.kind
             not in (TaskKind.TRANSIT, TaskKind.STRAIGHT, TaskKind.TAKEN_OUT)
+            and (later.kind not in TaskKind.HANDLING or later.step in handled)
         ]
         rung = "not_done_any_more"
         if after:

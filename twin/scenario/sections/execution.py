@@ -11,14 +11,17 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from planning.bounds import LONGEST_S
+from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
-from twin.document.section import Section
+from planning.transforms import Transform
+from twin.document.section import Name, Section
 from twin.document.yaml_text import KeyPath
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.durations.kinds import DurationKinds
 from twin.durations.model import DurationModel, Skill
 from twin.registry import POLICIES
+from twin.scenario.sections.shapes import PoseSection
 from twin.uncertainty.disturbances import (
     Disturbances,
     LatePart,
@@ -124,6 +127,23 @@ class AskSection(Section):
         return self.answer or Fixed(value_s=self.answer_s)
 
 
+class BinSection(Section):
+    """A bin into which robots drop parts that are scrapped.
+
+    Attributes:
+        pose: of a part where a robot lets go of it, over the bin.
+        fixture: fixture to which the pose belongs; the world when not given.
+    """
+
+    pose: PoseSection
+    fixture: Name | None = None
+
+    def pose_in(self, cell: Workcell) -> Transform:
+        """Return the pose of a part where a robot lets go of it, in the world."""
+        base = [item.pose for item in cell.fixtures if item.name == self.fixture]
+        return base[0] @ self.pose.transform() if base else self.pose.transform()
+
+
 class RecoverySection(Section):
     """What ``twin operate`` does when a skill has failed for good or a robot is out.
 
@@ -131,6 +151,9 @@ class RecoverySection(Section):
         planning_s: how long planning takes in the simulation, for which all others go on [s].
         shortcuts: candidates tried on each new plan.
         remove_s: how long a person takes to take what a robot holds that has nowhere to go [s].
+        remove: distribution of that time, in place of ``remove_s``.
+        bin: into which a robot drops a part that is scrapped, or a person, if none can; ``person``: a person takes
+            each from where it lies; they stay there when not given.
         again: how often a skill is planned anew with what it was to be done with, before its step is
             given up.
         ask: who is asked before that, and before a step is given up of which nothing is left; None for nobody.
@@ -139,8 +162,12 @@ class RecoverySection(Section):
     planning_s: Annotated[float, Field(ge=0, le=3600)] = 1.0
     shortcuts: Annotated[int, Field(ge=0, le=1_000_000)] = 60
     remove_s: Annotated[float, Field(ge=0, le=3600)] = 10.0
+    remove: AnyDuration | None = None
+    bin: BinSection | Literal["person"] | None = None
     again: Annotated[int, Field(ge=0, le=100)] = 3
     ask: AskSection | None = None
+
+    not_both = (("remove_s", "remove"),)
 
 
 class ExecutionSection(Disturbances):
@@ -285,6 +312,12 @@ class ExecutionSection(Disturbances):
             for key, own in sections.items()
             if own
         ]
+
+    @property
+    def rejecting(self) -> tuple[str, ...]:
+        """Processes that may fail, and after which a part is worked at again or scrapped."""
+        found = {k: own for k, own in self.failures.items() if own.then != "again"}
+        return tuple(k for k, own in found.items() if own.probability or own.parts)
 
     def may_be_replanned(self) -> bool:
         """Tell whether anything may happen that requires replanning."""

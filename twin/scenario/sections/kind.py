@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, Self, get_args
@@ -24,7 +25,7 @@ from twin.durations.model import DurationModel, PackagedSkill
 from twin.host.progress import StageWatch
 from twin.registry import KINDS
 from twin.scenario.sections.cell import CellSection, RobotSection
-from twin.scenario.sections.execution import StepWindowSection
+from twin.scenario.sections.execution import ExecutionSection, StepWindowSection
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -125,6 +126,18 @@ class AssemblyKind(Protocol):
         """
         yield from ()
 
+    def reject_problems(
+        self, execution: ExecutionSection, cell: CellSection
+    ) -> Problems:
+        """Yield the problems of rework and of the bin in an execution section; both are of assemblies of parts."""
+        if execution.recovery.bin is not None:
+            words = "a bin is for assemblies of parts that are planned step by step"
+            yield ("execution", "recovery", "bin"), f"{words}: leave it out"
+        for skill, own in execution.failures.items():
+            if own.named:
+                at = ("execution", "failures", skill, "rework", "steps")
+                yield at, "only steps of assemblies of parts have names: leave it out"
+
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the fixtures it brings."""
         return ()
@@ -168,6 +181,10 @@ class AssemblyKind(Protocol):
     def product_ends(self) -> Sequence[int]:
         """Return the number of the last step of each product."""
         return (self.steps(),)
+
+    def product_of(self, step: int) -> int:
+        """Return the product of a step, both from 1."""
+        return bisect_left(self.product_ends(), step) + 1
 
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product; empty where all are equal."""

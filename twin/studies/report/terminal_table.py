@@ -96,6 +96,8 @@ def _print_rest(console: Console, result: StudyResult) -> None:
         if cell.collided is not None:
             share = _percent(cell.collided)
             console.print(f"{cell.policy}: {cell.collisions} ({share})")
+    if summary.closed_loop:
+        console.print("replanned after failures, as by twin operate")
     for warning in summary.warnings:
         console.print("[yellow]warning[/yellow]:", Text(warning), soft_wrap=True)
     _print_gains(console, result)

@@ -14,8 +14,8 @@ from planning.lego.bricks.brick_types import BRICKS
 from planning.lego.bricks.drawing import type_of_size
 from planning.lego.importers.brick_models.model import (
     BrickModel,
-    FileFaults,
     ModelBrick,
+    check_faults,
     finish_model,
     read_lines,
 )
@@ -38,7 +38,7 @@ def read_brick_list(path: Path) -> BrickModel:
         ScenarioError: lines are no bricks, or of a size that there is not, each by its number;
             or see ``finish_model``.
     """
-    faults, bricks = FileFaults(path), []
+    faults, bricks = list[tuple[int, str]](), []
     lowest: int | None = None
     for number, line in enumerate(read_lines(path), start=1):
         text = line.split("#", 1)[0].strip()
@@ -46,17 +46,17 @@ def read_brick_list(path: Path) -> BrickModel:
             continue
         match = _BRICK.fullmatch(text)
         if match is None:
-            faults.add(number, f"{_shown(text)} is no brick")
+            faults.append((number, f"{_shown(text)} is no brick"))
             continue
         nx, ny, x, y, z = map(int, match.groups())
         found = type_of_size((nx, ny), BRICKS)
         if isinstance(found, str):
-            faults.add(number, found)
+            faults.append((number, found))
             continue
         kind, turned = found
         lowest = z if lowest is None else min(z, lowest)
         bricks.append(ModelBrick(kind, Cell(x, y, z + 1, turned), f"line {number}"))
-    faults.check(form=FORM)
+    check_faults(path, faults, FORM)
     notes = []
     if lowest:
         notes.append(f"the lowest layer, {lowest}, stands on the plate")

@@ -105,13 +105,10 @@ def find_stations(
     """Return a station for each type on a robot's side of the plate.
 
     Columns fill from the edge of the plate, each from its middle to its ends, the largest types
-    first. A plate's station stands on a brick: beside it the tool needs the room below.
+    first. A plate's station stands on a brick: beside it the tool needs the room below. Nothing comes near the structure.
 
     Args:
-        robot: the robot.
-        plate: of the structure.
-        structure: where the structure will be; nothing comes near.
-        kinds: the types.
+        robot, plate, structure, kinds: for which they are.
         far: on the side of the plate's greatest x, turned by half a turn against the other side.
         stays_free: tells whether what is built leaves room to pick there.
 
@@ -158,47 +155,30 @@ def _places(
 def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
     """Tell whether a robot reaches a station with every grip."""
     top, frames = top_pose(plate, station), robot.model.frames
-    grips = (
-        BrickGrip(frames, station.brick, top, p) for p in legal_presses(station.brick)
-    )
-    return all(
-        any(
-            isinstance(found, SkillPath)
-            for found in skill_postures(robot, pick_targets(grip))
-        )
-        for grip in grips
-    )
+    for press in legal_presses(station.brick):
+        grip = BrickGrip(frames, station.brick, top, press)
+        paths = skill_postures(robot, pick_targets(grip))
+        if not any(isinstance(found, SkillPath) for found in paths):
+            return False
+    return True
 
 
+@dataclass(frozen=True)
 class Finished:
-    """Picks at stations next to the finished model.
+    """Picks of a cell's robots at stations next to the finished model, with what stands among its bricks."""
 
-    Args:
-        robots: of the cell.
-        plate: of the model.
-        structure: the bricks of the model in their places.
-        obstacles: what stands among them.
-    """
-
-    def __init__(
-        self,
-        robots: tuple[PlacedRobot, ...],
-        plate: Plate,
-        structure: Sequence[LegoStep],
-        obstacles: Sequence[Fixture] = (),
-    ) -> None:
-        self._robots, self._plate = robots, plate
-        self._obstacles = tuple(obstacles)
-        self._steps = tuple(structure)
-        self._twist = dict(DEFAULT_TWIST)
+    robots: tuple[PlacedRobot, ...]
+    plate: Plate
+    structure: Sequence[LegoStep]
+    obstacles: Sequence[Fixture] = ()
 
     def stays_free(self, robot: str, station: Station) -> bool:
         """Tell whether a robot can pick at a station with every grip next to the finished model."""
         stock = (StockBrick("station", station.brick, station.cell, station=True),)
-        assembly = LegoAssembly(self._plate, stock, self._steps, self._twist)
-        objects, plate = stock_objects(assembly), plate_fixture(self._plate)
-        fixtures = plate, *self._obstacles
-        cell = Workcell(self._robots, fixtures, objects, Clearances())
+        steps = tuple(self.structure)
+        assembly = LegoAssembly(self.plate, stock, steps, dict(DEFAULT_TWIST))
+        fixtures = plate_fixture(self.plate), *self.obstacles
+        cell = Workcell(self.robots, fixtures, stock_objects(assembly), Clearances())
         skills = BrickSkills(BrickWorld(cell, assembly))
         for press in legal_presses(station.brick):
             found = skills.pick(robot, "station", grasp_number(press))
@@ -215,10 +195,8 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
     """
     wide, deep, _ = model.size
     if not _fits(model):
-        raise ScenarioError(
-            f"the model covers {wide} x {deep} studs; {_MOST_WIDE} x {STUDS} fit between the"
-            " feeding stations of the plate"
-        )
+        words = f"{_MOST_WIDE} x {STUDS} fit between the feeding stations of the plate"
+        raise ScenarioError(f"the model covers {wide} x {deep} studs; {words}")
     arm, robots = robot_model(_MODEL), list[PlacedRobot]()
     for name, x, yaw in _ROBOTS:
         pose = from_rpy([x, 0.0, _BASE_Z], (0.0, 0.0, np.radians(yaw)))
@@ -244,38 +222,22 @@ def _content(
     corner = (studs - wide) // 2, (STUDS - deep) // 2
     plate = Plate(translation(*_PLATE), (studs, STUDS))
     span = GridSpan(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
-    placed = [
-        LegoStep(
-            i.brick, replace(i.cell, x=i.cell.x + corner[0], y=i.cell.y + corner[1])
-        )
-        for i in model.bricks
-    ]
+    placed = [LegoStep(i.brick, _moved(i.cell, corner)) for i in model.bricks]
     boxes = obstacle_fixtures(model, corner, plate)
-    standing = [
-        Fixture(
-            item["name"],
-            box_shape(item["name"], np.array(item["size_m"])),
-            translation(*item["pose"]["xyz_m"]),
-        )
-        for item in boxes
-    ]
+    standing = []
+    for item in boxes:
+        shape = box_shape(item["name"], np.array(item["size_m"]))
+        at = translation(*item["pose"]["xyz_m"])
+        standing.append(Fixture(item["name"], shape, at))
     finished = Finished(robots, plate, placed, standing)
-    stock = list[dict[str, Any]]()
-    for robot, (name, x, _) in zip(robots, _ROBOTS, strict=True):
+    stock, listed = list[dict[str, Any]](), []
+    for robot, (name, x, yaw) in zip(robots, _ROBOTS, strict=True):
+        base = {"xyz_m": [x, 0.0, _BASE_Z], "rpy_deg": [0, 0, yaw]}
+        listed.append({"name": name, "model": _MODEL, "base": base})
         stays_free = partial(finished.stays_free, name) if free else lambda _: True
-        kinds = list(model.kinds)
-        for station in find_stations(
-            robot, plate, span, kinds, far=x > 0.0, stays_free=stays_free
-        ):
+        place = partial(find_stations, robot, plate, span, list(model.kinds))
+        for station in place(far=x > 0.0, stays_free=stays_free):
             stock += _stock(name, station)
-    listed = [
-        {
-            "name": name,
-            "model": _MODEL,
-            "base": {"xyz_m": [x, 0.0, _BASE_Z], "rpy_deg": [0, 0, yaw]},
-        }
-        for name, x, yaw in _ROBOTS
-    ]
     return {
         "cell": {"robots": listed, "fixtures": [_TABLE, *boxes]},
         "assembly": {
@@ -306,16 +268,15 @@ def _fits(model: BrickModel) -> bool:
 
 def structure_content(model: BrickModel, corner: tuple[int, int]) -> dict[str, Any]:
     """Return a model as the structure of a scenario, its least corner at a stud of the plate."""
-    x, y = corner
-    bricks = [
-        {
-            "brick": item.brick.name,
-            **replace(item.cell, x=item.cell.x + x, y=item.cell.y + y).entry,
-            **_colour(item),
-        }
-        for item in model.bricks
-    ]
+    bricks = []
+    for item in model.bricks:
+        at = _moved(item.cell, corner).entry
+        bricks.append({"brick": item.brick.name, **at, **_colour(item)})
     return {"bricks": bricks}
+
+
+def _moved(cell: Cell, corner: tuple[int, int]) -> Cell:
+    return replace(cell, x=cell.x + corner[0], y=cell.y + corner[1])
 
 
 def own_types(model: BrickModel) -> dict[str, Any]:
@@ -342,13 +303,7 @@ def own_types(model: BrickModel) -> dict[str, Any]:
 def obstacle_fixtures(
     model: BrickModel, corner: tuple[int, int], plate: Plate
 ) -> list[dict[str, Any]]:
-    """Return the obstacles of a model as fixtures of a scenario.
-
-    Args:
-        model: its bricks and obstacles.
-        corner: stud of the plate at its least corner.
-        plate: that it stands on.
-    """
+    """Return the obstacles of a model as fixtures of a scenario, its least corner at a stud of the plate."""
     fixtures = []
     for number, item in enumerate(model.obstacles, start=1):
         low, high = np.array(item.low), np.array(item.high)
@@ -356,13 +311,9 @@ def obstacle_fixtures(
         middle = ((low + high) / 2 + [*corner, 0]) * _GRID
         pose = plate_corner(plate) @ translation(*middle)
         stem = re.sub(r"[^A-Za-z0-9]", "_", item.name.removesuffix(".dat"))[:40]
-        fixtures.append(
-            {
-                "name": f"obstacle_{number}_{stem}",
-                "size_m": [round(v, 6) for v in size.tolist()],
-                "pose": _pose_content(pose),
-            }
-        )
+        edges = [round(v, 6) for v in size.tolist()]
+        own = {"size_m": edges, "pose": _pose_content(pose)}
+        fixtures.append({"name": f"obstacle_{number}_{stem}", **own})
     return fixtures
 
 
@@ -402,15 +353,10 @@ def free_corner(
     for x, y in corners:
         if not any((x + i, y + j) in taken for i, j in covered):
             return x, y
-    names = {
-        taken[place]
-        for i, j in covered
-        if (place := (middle[0] + i, middle[1] + j)) in taken
-    }
-    raise ScenarioError(
-        f"{size}: there is no such room on the plate beside the stock; in the middle stand"
-        f" {', '.join(sorted(names)[:6])}"
-    )
+    here = [(middle[0] + i, middle[1] + j) for i, j in covered]
+    names = ", ".join(sorted({taken[at] for at in here if at in taken})[:6])
+    words = "there is no such room on the plate beside the stock; in the middle stand"
+    raise ScenarioError(f"{size}: {words} {names}")
 
 
 def _stock(robot: str, station: Station) -> list[dict[str, Any]]:

@@ -32,19 +32,15 @@ from planning.lego.importers.brick_models.ldraw_files import (
 from planning.lego.importers.brick_models.model import (
     MOST_BRICKS,
     BrickModel,
-    FileFaults,
     ModelBrick,
     Obstacle,
+    check_faults,
     finish_model,
     finish_partial_model,
     read_lines,
 )
 from planning.lego.importers.brick_models.part_library import PartLibrary
-from planning.lego.importers.brick_models.part_shape import (
-    LEVEL,
-    STUD,
-    PartShape,
-)
+from planning.lego.importers.brick_models.part_shape import LEVEL, STUD, PartShape
 from planning.transforms import Array
 
 _ROUND = 0.01
@@ -112,32 +108,32 @@ def read_ldraw(
         for part in parts
         if part.name in reasons
     ]
-    if unfit and unknown == "refuse":
-        raise _unknown_parts(path, unfit, with_library=library is not None)
-    placed = [part for part in parts if part.name not in reasons]
-    tilted = [(part, fault) for part in placed if (fault := _tilt(part))]
-    if len(tilted) == len(placed) or unknown == "refuse":
+    if unknown == "refuse":
+        _refuse_unknown(path, unfit, with_library=library is not None)
+    upright = [part for part in parts if part.name not in reasons]
+    tilts = [_tilt(part) for part in upright]
+    tilted = [own for own in zip(upright, tilts, strict=True) if own[1]]
+    if len(tilted) == len(upright) or unknown == "refuse":
         _check(path, tilted or unfit, "no part of the model stands as a brick")
-    placed = _others(placed, tilted)
+    placed = [p for p, tilt in zip(upright, tilts, strict=True) if not tilt]
     boxes = np.array([_box(part, shapes[part.name]) for part in placed])
     origin, away = _grid(boxes[:, 0])
-    apart = zip(placed, away, strict=True)
-    off = [(part, fault) for part, own in apart if (fault := _distance(part, own))]
+    gaps = [_distance(part, own) for part, own in zip(placed, away, strict=True)]
+    off = [own for own in zip(placed, gaps, strict=True) if own[1]]
     fits = len(placed) - len(off)
     if unknown == "refuse":
         _check(path, off, f"{fits} of {len(placed)} parts are on one grid of studs")
     bricks = [
         _brick(part, shapes[part.name], (box - origin) / _UNIT, document.colours)
-        for part, box, distance in zip(placed, boxes, away, strict=True)
-        if not _distance(part, distance)
+        for part, box, gap in zip(placed, boxes, gaps, strict=True)
+        if not gap
     ]
     notes = list(_notes(document, placed))
     if not np.array_equal(frame, np.eye(4)):
         notes.append("the model stands upright, not turned as in its file")
     if len(parts) < len(every):
-        notes.append(
-            "base plates are left out: the model stands on the plate of its cell"
-        )
+        what = "base plates are left out: the model stands on the plate of its cell"
+        notes.append(what)
     if unknown == "refuse":
         return finish_model(path, bricks, notes)
     others = [part for part, _ in (*unfit, *tilted, *off)]
@@ -145,34 +141,22 @@ def read_ldraw(
     if unfit:
         notes.append(f"no bricks, {how}: {_counted([part for part, _ in unfit])}")
     if askew := [f"{p.source} ({p.name})" for p, _ in (*tilted, *off)]:
-        notes.append(
-            f"not upright or off the grid, {how}: {format_names(askew, _MOST_NAMES)}"
-        )
+        what = f"not upright or off the grid, {how}"
+        notes.append(f"{what}: {format_names(askew, _MOST_NAMES)}")
     obstacles = _obstacles(path, others, found, origin) if unknown == "box" else ()
     return finish_partial_model(path, bricks, obstacles, notes)
 
 
-def _others(parts: Sequence[Reference], faults: Sequence[Fault]) -> list[Reference]:
-    """Return the parts without those that have a fault."""
-    known = {id(part) for part, _ in faults}
-    return [part for part in parts if id(part) not in known]
-
-
-def _unknown_parts(
-    path: Path, faults: Sequence[Fault], *, with_library: bool
-) -> ScenarioError:
-    """Return the error of parts that are no bricks, with their numbers and what can be done."""
-    lines = FileFaults(path)
-    first = {part.name: (part, fault) for part, fault in reversed(faults)}
-    for part, fault in first.values():
-        lines.add(part.line, fault)
+def _refuse_unknown(path: Path, faults: Sequence[Fault], *, with_library: bool) -> None:
+    """Raise the error of parts that are no bricks, with their numbers and what can be done."""
+    first = {part.name: (part.line, fault) for part, fault in reversed(faults)}
     library = "" if with_library else "--parts DIR reads sizes from a parts library; "
-    return lines.error(
-        choices=format_part_table(),
-        form=f"{len(faults)} parts: {_counted([part for part, _ in faults])}\n{library}"
+    form = (
+        f"{len(faults)} parts: {_counted([part for part, _ in faults])}\n{library}"
         "--unknown box lets boxes stand in their places from the start,"
-        " --unknown leave-out leaves them out, and what only they hold",
+        " --unknown leave-out leaves them out, and what only they hold"
     )
+    check_faults(path, first.values(), form, format_part_table())
 
 
 def _counted(parts: Sequence[Reference]) -> str:
@@ -183,10 +167,7 @@ def _counted(parts: Sequence[Reference]) -> str:
 
 def _check(path: Path, faults: Sequence[Fault], form: str) -> None:
     """Raise an error where parts have faults."""
-    lines = FileFaults(path)
-    for part, fault in faults:
-        lines.add(part.line, fault)
-    lines.check(form=form)
+    check_faults(path, [(part.line, fault) for part, fault in faults], form)
 
 
 def _obstacles(
@@ -227,9 +208,8 @@ def _parts(path: Path, document: Document) -> list[Reference]:
             continue
         references += 1
         if references > _MOST_REFERENCES:
-            raise ScenarioError(
-                f"{path}: more than {_MOST_REFERENCES} parts and models"
-            )
+            most = f"more than {_MOST_REFERENCES} parts and models"
+            raise ScenarioError(f"{path}: {most}")
         via = (*at.via, at.line) if at.line else ()
         colour = at.colour if item.colour in INHERITED else item.colour
         part = replace(item, pose=at.pose @ item.pose, colour=colour, via=via)
@@ -265,21 +245,17 @@ def _frame(parts: Sequence[Reference]) -> Array:
 
 
 def _is_upright(turn: Array) -> bool:
-    return isinstance(_quarter(turn), int)
+    return not _misturn(turn)
 
 
 def _tilt(part: Reference) -> str:
     """Return how a part does not stand upright; nothing where it does."""
-    found = _quarter(part.pose[:3, :3])
-    return (
-        f"{part.words} is {found}; bricks stand upright"
-        if isinstance(found, str)
-        else ""
-    )
+    found = _misturn(part.pose[:3, :3])
+    return found and f"{part.words} is {found}; bricks stand upright"
 
 
-def _quarter(turn: Array) -> int | str:
-    """Return a rotation as quarter turns about y, or a description of it where it is none."""
+def _misturn(turn: Array) -> str:
+    """Return how a rotation is other than by quarter turns about y; nothing where it is not."""
     if not np.allclose(turn @ turn.T, np.eye(3), atol=2 * _ROUND):
         return "scaled or sheared"
     up = float(turn[1, 1])
@@ -290,10 +266,9 @@ def _quarter(turn: Array) -> int | str:
     if up < 1.0 - _ROUND:
         return f"tilted by {math.degrees(math.acos(up)):.0f} degrees"
     angle = math.degrees(math.atan2(turn[0, 2], turn[0, 0]))
-    quarter = round(angle / 90.0)
-    if abs(angle - 90.0 * quarter) > math.degrees(_ROUND):
+    if abs(angle - 90.0 * round(angle / 90.0)) > math.degrees(_ROUND):
         return f"turned by {angle:.0f} degrees, no quarter turn"
-    return quarter % 4
+    return ""
 
 
 def _box(part: Reference, shape: PartShape) -> Array:
@@ -318,16 +293,12 @@ def _grid(corners: Array) -> tuple[Array, Array]:
     # Every part proposes the grid it is on; equal proposals are tried once.
     rests = np.round(np.mod(corners, _UNIT) / _OFF) * _OFF % _UNIT
     proposals = Counter(map(tuple, rests.tolist()))
-    best: tuple[int, Array] | None = None
-    for rest, _ in proposals.most_common(50):
-        at = corners[(rests == rest).all(axis=1)][0]
-        fits = int((np.abs(_away(corners - at)) <= _OFF).all(axis=1).sum())
-        if best is None or fits > best[0]:
-            best = fits, at
-        if fits == len(corners):
-            break
-    assert best is not None
-    return best[1], _away(corners - best[1])
+    points = [
+        corners[(rests == rest).all(axis=1)][0] for rest, _ in proposals.most_common(50)
+    ]
+    on_grid = [np.abs(_away(corners - at)) <= _OFF for at in points]
+    best = points[int(np.argmax([own.all(axis=1).sum() for own in on_grid]))]
+    return best, _away(corners - best)
 
 
 def _distance(part: Reference, away: Array) -> str:
@@ -343,8 +314,7 @@ def _distance(part: Reference, away: Array) -> str:
 
 def _away(offset: Array) -> Array:
     """Return the distance of offsets from the nearest points of the grid."""
-    away: Array = offset - np.round(offset / _UNIT) * _UNIT
-    return away
+    return np.asarray(offset - np.round(offset / _UNIT) * _UNIT)
 
 
 def _notes(document: Document, parts: Sequence[Reference]) -> Iterator[str]:

@@ -15,9 +15,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import BrickType
-from planning.lego.bricks.brick_types import BRICKS, brick_of_size
-from planning.lego.importers.brick_models.model import FileFaults
+from planning.lego.bricks.brick_types import brick_of_size
+from planning.lego.importers.brick_models.model import check_faults
 from planning.transforms import Array
 
 Colour = tuple[int, int, int]
@@ -26,26 +27,21 @@ Colour = tuple[int, int, int]
 INHERITED = ("16", "24")
 """Codes of the colour of the surrounding model."""
 
-_VALUES: Mapping[int, int] = MappingProxyType(
-    {
-        **{0: 0x05131D, 1: 0x0055BF, 2: 0x257A3E, 3: 0x00838F, 4: 0xC91A09, 5: 0xC870A0},
-        **{6: 0x583927, 7: 0x9BA19D, 8: 0x6D6E5C, 9: 0xB4D2E3, 10: 0x4B9F4A, 11: 0x55A5AF},
-        **{12: 0xF2705E, 13: 0xFC97AC, 14: 0xF2CD37, 15: 0xFFFFFF, 17: 0xC2DAB8},
-        **{18: 0xFBE696, 19: 0xE4CD9E, 20: 0xC9CAE2, 22: 0x81007B, 23: 0x2032B0},
-        **{25: 0xFE8A18, 26: 0x923978, 27: 0xBBE90B, 28: 0x958A73, 29: 0xE4ADC8},
-        **{30: 0xAC78BA, 31: 0xE1D5ED, 68: 0xF3CF9B, 69: 0xCD6298, 70: 0x582A12},
-        **{71: 0xA0A5A9, 72: 0x6C6E68, 73: 0x5C9DD1, 74: 0x73DCA1, 77: 0xFECCCF},
-        **{78: 0xF6D7B3, 84: 0xCC702A, 85: 0x3F3691, 86: 0x7C503A, 89: 0x4C61DB},
-        **{151: 0xE6E3E0, 191: 0xF8BB3D, 212: 0x86C1E1, 216: 0xB31004, 226: 0xFFF03A},
-        **{232: 0x56BED6, 272: 0x0D325B, 288: 0x184632, 308: 0x352100, 313: 0x54A9C8},
-        **{320: 0x720E0F, 321: 0x1498D7, 322: 0x3EC2DD, 323: 0xBDDCD8, 326: 0xDFEEA5},
-        **{330: 0x9B9A5A, 335: 0xD67572, 351: 0xF785B1, 366: 0xFA9C1C, 373: 0x845E84},
-        **{378: 0xA0BCAC, 379: 0x597184, 450: 0xB67B50, 462: 0xFFA70B, 484: 0xA95500},
-        **{503: 0xE6E3DA, 33: 0x0020A0, 36: 0xC91A09, 40: 0x635F52, 47: 0xFCFCFC},
-        **{57: 0xF08F1C},
-    }
-)  # fmt: skip
-"""Opaque colours, and the commonest of those that one sees through, as LeoCAD shows them."""
+_VALUES = """
+0:05131D 1:0055BF 2:257A3E 3:00838F 4:C91A09 5:C870A0 6:583927 7:9BA19D 8:6D6E5C 9:B4D2E3 10:4B9F4A 11:55A5AF
+12:F2705E 13:FC97AC 14:F2CD37 15:FFFFFF 17:C2DAB8 18:FBE696 19:E4CD9E 20:C9CAE2 22:81007B 23:2032B0 25:FE8A18
+26:923978 27:BBE90B 28:958A73 29:E4ADC8 30:AC78BA 31:E1D5ED 68:F3CF9B 69:CD6298 70:582A12 71:A0A5A9 72:6C6E68
+73:5C9DD1 74:73DCA1 77:FECCCF 78:F6D7B3 84:CC702A 85:3F3691 86:7C503A 89:4C61DB 151:E6E3E0 191:F8BB3D 212:86C1E1
+216:B31004 226:FFF03A 232:56BED6 272:0D325B 288:184632 308:352100 313:54A9C8 320:720E0F 321:1498D7 322:3EC2DD
+323:BDDCD8 326:DFEEA5 330:9B9A5A 335:D67572 351:F785B1 366:FA9C1C 373:845E84 378:A0BCAC 379:597184 450:B67B50
+462:FFA70B 484:A95500 503:E6E3DA 33:0020A0 36:C91A09 40:635F52 47:FCFCFC 57:F08F1C
+"""
+"""Opaque colours, and the commonest of those that one sees through, as LeoCAD shows them: code and red, green, blue."""
+
+_COLOURS = {
+    int(code): int(value, 16)
+    for code, value in (item.split(":") for item in _VALUES.split())
+}
 
 _WRITTEN = re.compile(r"(?:0x[0-9a-f]{1,2}|#)?([0-9a-f]{6})")
 _DEFINED = re.compile(
@@ -61,63 +57,30 @@ FORM = (
     " '1 4 20 -24 0 1 0 0 0 1 0 0 0 1 3001.dat': 1, colour, x y z, nine of its rotation, file"
 )
 
-_NUMBERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "1x1": ("3005",),
-        "1x2": ("3004",),
-        "1x3": ("3622",),
-        "1x4": ("3010",),
-        "1x6": ("3009",),
-        "1x8": ("3008",),
-        "2x2": ("3003",),
-        "2x3": ("3002",),
-        "2x4": ("3001",),
-        "2x6": ("2456", "44237"),
-        "2x8": ("3007",),
-        "1x1-plate": ("3024",),
-        "1x2-plate": ("3023", "3023a", "3023b"),
-        "1x3-plate": ("3623",),
-        "1x4-plate": ("3710",),
-        "1x6-plate": ("3666",),
-        "1x8-plate": ("3460",),
-        "2x2-plate": ("3022",),
-        "2x3-plate": ("3021",),
-        "2x4-plate": ("3020",),
-        "2x6-plate": ("3795",),
-        "2x8-plate": ("3034",),
-    }
-)
+_NUMBERS = """
+1x1x3:3005 1x2x3:3004 1x3x3:3622 1x4x3:3010 1x6x3:3009 1x8x3:3008 2x2x3:3003 2x3x3:3002 2x4x3:3001
+2x6x3:2456,44237 2x8x3:3007 1x1x1:3024 1x2x1:3023,3023a,3023b 1x3x1:3623 1x4x1:3710 1x6x1:3666 1x8x1:3460
+2x2x1:3022 2x3x1:3021 2x4x1:3020 2x6x1:3795 2x8x1:3034
+"""
+"""Parts by studs and height in thirds of a brick."""
 
-_LARGER: Mapping[tuple[int, int, int], tuple[str, ...]] = MappingProxyType(
-    {
-        **{(1, 10, 3): ("6111",), (1, 12, 3): ("6112",), (1, 16, 3): ("2465",)},
-        **{(2, 10, 3): ("3006",), (4, 6, 3): ("2356",), (4, 10, 3): ("6212",)},
-        **{(4, 12, 3): ("4202",), (8, 8, 3): ("4201",), (8, 16, 3): ("4204",)},
-        **{(1, 1, 9): ("14716",), (1, 2, 9): ("22886",), (1, 4, 9): ("49311",)},
-        **{(1, 2, 6): ("3245", "3245a", "3245b", "3245c"), (2, 2, 9): ("30145",)},
-        **{(1, 1, 15): ("2453", "2453a", "2453b"), (1, 3, 15): ("3755",)},
-        **{(1, 2, 15): ("2454", "2454a", "2454b"), (1, 6, 15): ("3754",)},
-        **{(2, 4, 9): ("30144",), (2, 6, 9): ("6213",)},
-        **{(1, 5, 1): ("78329",), (1, 10, 1): ("4477",), (1, 12, 1): ("60479",)},
-        **{(2, 10, 1): ("3832",), (2, 12, 1): ("2445",), (2, 14, 1): ("91988",)},
-        **{(2, 16, 1): ("4282",), (3, 3, 1): ("11212",), (4, 4, 1): ("3031",)},
-        **{(4, 6, 1): ("3032",), (4, 8, 1): ("3035",), (4, 10, 1): ("3030",)},
-        **{(4, 12, 1): ("3029",), (6, 6, 1): ("3958",), (6, 8, 1): ("3036",)},
-        **{(6, 10, 1): ("3033",), (6, 12, 1): ("3028",), (6, 14, 1): ("3456",)},
-        **{(6, 16, 1): ("3027",), (6, 24, 1): ("3026",), (8, 8, 1): ("41539",)},
-        **{(8, 16, 1): ("92438",), (16, 16, 1): ("91405",)},
-    }
-)  # fmt: skip
-"""Further parts by studs and height in thirds of a brick; scenarios write their types themselves."""
+_LARGER = """
+1x10x3:6111 1x12x3:6112 1x16x3:2465 2x10x3:3006 4x6x3:2356 4x10x3:6212 4x12x3:4202 8x8x3:4201 8x16x3:4204
+1x1x9:14716 1x2x9:22886 1x4x9:49311 1x2x6:3245,3245a,3245b,3245c 2x2x9:30145 1x1x15:2453,2453a,2453b 1x3x15:3755
+1x2x15:2454,2454a,2454b 1x6x15:3754 2x4x9:30144 2x6x9:6213 1x5x1:78329 1x10x1:4477 1x12x1:60479 2x10x1:3832
+2x12x1:2445 2x14x1:91988 2x16x1:4282 3x3x1:11212 4x4x1:3031 4x6x1:3032 4x8x1:3035 4x10x1:3030 4x12x1:3029
+6x6x1:3958 6x8x1:3036 6x10x1:3033 6x12x1:3028 6x14x1:3456 6x16x1:3027 6x24x1:3026 8x8x1:41539 8x16x1:92438
+16x16x1:91405
+"""
+"""Further parts; scenarios write their types themselves."""
+
 
 PARTS: Mapping[str, BrickType] = MappingProxyType(
     {
-        **{number: BRICKS[kind] for kind, own in _NUMBERS.items() for number in own},
-        **{
-            number: brick_of_size((x, y), height)
-            for (x, y, height), own in _LARGER.items()
-            for number in own
-        },
+        number: brick_of_size((int(x), int(y)), int(height))
+        for item in (_NUMBERS + _LARGER).split()
+        for x, y, height, numbers in [re.split("[x:]", item)]
+        for number in numbers.split(",")
     }
 )
 """Brick types by the number of their part."""
@@ -137,11 +100,9 @@ _PRINTED = re.compile(r"(\d+[ab]?)p\w*")
 
 
 def colour_of(text: str, defined: Mapping[int, Colour]) -> Colour | None:
-    """Return the colour of a part, None where it is not known.
+    """Return the colour of a part, as written in small letters, None where it is not known.
 
-    Args:
-        text: as written, in small letters: a code, or ``0x2rrggbb``.
-        defined: colours that the file defines, by code.
+    It is a code, with those that the file defines, or ``0x2rrggbb``.
     """
     if text.startswith(("0x", "#")):
         written = _WRITTEN.fullmatch(text)
@@ -149,7 +110,7 @@ def colour_of(text: str, defined: Mapping[int, Colour]) -> Colour | None:
     code = int(text)
     if code in defined:
         return defined[code]
-    return _split(_VALUES[code]) if code in _VALUES else None
+    return _split(_COLOURS[code]) if code in _COLOURS else None
 
 
 def _split(value: int) -> Colour:
@@ -214,7 +175,7 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
     Raises:
         ScenarioError: lines that are no LDraw, or two models of one name; each by its number.
     """
-    faults, document = FileFaults(path), Document()
+    faults, document = list[tuple[int, str]](), Document()
     here: list[Reference] | None = document.models.setdefault("", [])
     name, first, drawn, is_part = "", 1, 0, False
 
@@ -232,17 +193,19 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
         if not words:
             continue
         if len(line) > _LONGEST:
-            faults.add(number, f"a line of {len(line)} characters")
+            faults.append((number, f"a line of {len(line)} characters"))
         elif words[0] == "1":
-            found = read_reference(words, number)
-            if isinstance(found, str):
-                faults.add(number, found)
-            elif here is not None:
+            try:
+                found = read_reference(words, number)
+            except ScenarioError as error:
+                faults.append((number, str(error)))
+                continue
+            if here is not None:
                 here.append(found)
         elif words[0] in ("2", "3", "4", "5"):
             drawn += 1
         elif words[0] != "0":
-            faults.add(number, f"{line.strip()[:30]!r} is no line of LDraw")
+            faults.append((number, f"{line.strip()[:30]!r} is no line of LDraw"))
         elif len(words) > 1 and words[1].upper() in ("FILE", "NOFILE"):
             finish(number - 1)
             name = _file_name(line.split(None, 2)[2] if len(words) > 2 else "")
@@ -250,7 +213,8 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
             # Packed files bring some parts twice.
             if words[1].upper() == "FILE" and name not in document.parts:
                 if name in document.models:
-                    faults.add(number, f"a model before it is called {name!r}, too")
+                    what = f"a model before it is called {name!r}, too"
+                    faults.append((number, what))
                 here = document.models.setdefault(name, [])
         elif len(words) > 1 and words[1].upper() == "STEP":
             document.steps += 1
@@ -259,7 +223,7 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
         else:
             document.colours |= read_colour(line)
     finish(len(lines))
-    faults.check(form=FORM)
+    check_faults(path, faults, FORM)
     if not document.models[""] and len(document.models) > 1:
         del document.models[""]
     return document
@@ -277,32 +241,29 @@ def _file_name(text: str) -> str:
     return name.removeprefix("parts/").removeprefix("p/")
 
 
-def read_reference(words: Sequence[str], number: int) -> Reference | str:
-    """Return the reference of a line, or its fault."""
+def read_reference(words: Sequence[str], number: int) -> Reference:
+    """Return the reference of a line; ScenarioError where it has a fault."""
     if len(words) < _REFERENCE:
-        return f"a part has {_REFERENCE} values, this line {len(words)}"
+        raise ScenarioError(f"a part has {_REFERENCE} values, this line {len(words)}")
     if not _COLOUR.fullmatch(words[1]):
-        return f"{words[1][:20]!r} is no colour"
+        raise ScenarioError(f"{words[1][:20]!r} is no colour")
     values = read_numbers(words[2:14])
-    if isinstance(values, str):
-        return values
     pose = np.eye(4)
     pose[:3, 3] = values[:3]
     pose[:3, :3] = np.reshape(values[3:], (3, 3))
     return Reference(number, pose, _file_name(words[14]), words[1].casefold())
 
 
-def read_numbers(words: Sequence[str]) -> list[float] | str:
-    """Return the lengths or directions of a line, or the fault of one of them."""
+def read_numbers(words: Sequence[str]) -> list[float]:
+    """Return the lengths or directions of a line; ScenarioError where one has a fault."""
     values = []
     for text in words:
         try:
-            value = float(text)
+            values.append(float(text))
         except ValueError:
-            return f"{text[:20]!r} is no number"
-        if not abs(value) <= _LARGEST:
-            return f"{text[:20]} is no length or direction"
-        values.append(value)
+            raise ScenarioError(f"{text[:20]!r} is no number") from None
+        if not abs(values[-1]) <= _LARGEST:
+            raise ScenarioError(f"{text[:20]} is no length or direction")
     return values
 
 
@@ -328,4 +289,5 @@ def part_number(size: tuple[int, int], height: int) -> str | None:
 
 def format_part_table() -> tuple[str, ...]:
     """Return the parts in words, such as ``"3001 (2x4)"``."""
-    return tuple(f"{numbers[0]} ({kind})" for kind, numbers in _NUMBERS.items())
+    first = (re.split("[:,]", item)[1] for item in _NUMBERS.split())
+    return tuple(f"{number} ({PARTS[number].name})" for number in first)

@@ -9,17 +9,12 @@ from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
+import networkx as nx
 import numpy as np
 
 from planning.errors import ScenarioError, format_faults, format_names
 from planning.files import LARGEST, read_file
-from planning.lego.bricks.assembly import (
-    BrickType,
-    Cell,
-    GridPlace,
-    GridSpan,
-    OnGrid,
-)
+from planning.lego.bricks.assembly import BrickType, Cell, GridPlace, GridSpan, OnGrid
 from planning.lego.bricks.grid import bricks_joined_to_plate
 
 MOST_BRICKS = 20_000
@@ -80,6 +75,13 @@ class Obstacle:
         """Source and part, such as ``"line 12 (3039.dat)"``."""
         return f"{self.source} ({self.name})"
 
+    @property
+    def places(self) -> tuple[GridPlace, GridPlace]:
+        """First places of the grid that it fills, also in part, along each axis, and those behind the last ones."""
+        x0, y0, z0 = (math.floor(v + _TOUCH) for v in self.low)
+        x1, y1, z1 = (math.ceil(v - _TOUCH) for v in self.high)
+        return (x0, y0, z0), (x1, y1, z1)
+
     def moved(self, x: float, y: float, level: float) -> Obstacle:
         """Return the obstacle moved by studs and levels, without what is below the plate then."""
         low = self.low[0] + x, self.low[1] + y, max(self.low[2] + level, 0.0)
@@ -89,13 +91,7 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class BrickModel:
-    """A brick model, moved to the corner of the grid and down to its plate.
-
-    Attributes:
-        bricks: in the order of the file.
-        notes: what was not imported, a line each.
-        obstacles: what is there from the start.
-    """
+    """A brick model, moved to the corner of the grid and down to its plate, with notes on what was not imported."""
 
     bricks: tuple[ModelBrick, ...]
     notes: tuple[str, ...] = ()
@@ -105,7 +101,7 @@ class BrickModel:
     def size(self) -> tuple[int, int, int]:
         """Studs along x and y, and levels."""
         ends = [(i.span.x1, i.span.y1, i.span.top) for i in self.bricks]
-        boxes = [tuple(math.ceil(v - _TOUCH) for v in i.high) for i in self.obstacles]
+        boxes = [item.places[1] for item in self.obstacles]
         x, y, top = map(max, zip(*ends, *boxes, strict=True))
         return x, y, top
 
@@ -114,9 +110,8 @@ class BrickModel:
         """The (x, y) of every stud that is covered, by obstacles also in part."""
         spans = [item.span for item in self.bricks]
         for item in self.obstacles:
-            low = [math.floor(v + _TOUCH) for v in item.low]
-            high = [math.ceil(v - _TOUCH) for v in item.high]
-            spans.append(GridSpan(low[0], high[0], low[1], high[1], 0, 1))
+            (x0, y0, _), (x1, y1, _) = item.places
+            spans.append(GridSpan(x0, x1, y0, y1, 0, 1))
         return frozenset().union(*(span.studs for span in spans))
 
     def quarter_turned(self) -> BrickModel:
@@ -128,15 +123,12 @@ class BrickModel:
             turned = not item.cell.turned and item.brick.studs[0] != item.brick.studs[1]
             cell = replace(item.cell, x=deep - span.y1, y=span.x0, turned=turned)
             bricks.append(replace(item, cell=cell))
-        obstacles = tuple(
-            replace(
-                item,
-                low=(deep - item.high[1], item.low[0], item.low[2]),
-                high=(deep - item.low[1], item.high[0], item.high[2]),
-            )
-            for item in self.obstacles
-        )
-        return replace(self, bricks=tuple(bricks), obstacles=obstacles)
+        obstacles = []
+        for box in self.obstacles:
+            (x0, y0, bottom), (x1, y1, top) = box.low, box.high
+            low, high = (deep - y1, x0, bottom), (deep - y0, x1, top)
+            obstacles.append(replace(box, low=low, high=high))
+        return replace(self, bricks=tuple(bricks), obstacles=tuple(obstacles))
 
     @property
     def kinds(self) -> Counter[BrickType]:
@@ -144,43 +136,20 @@ class BrickModel:
         return Counter(item.brick for item in self.bricks)
 
 
-class FileFaults:
-    """Faults of a file, each at its line, reported together.
-
-    Args:
-        path: the file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._faults: list[tuple[int, str]] = []
-
-    def add(self, line: int, message: str) -> None:
-        """Note a fault at a line, counted from 1."""
-        self._faults.append((line, message))
-
-    def check(self, *, choices: Sequence[str] = (), form: str = "") -> None:
-        """Raise an error where there are faults, with valid alternatives or the expected form of a line.
-
-        Raises:
-            ScenarioError: names the first faults by line, and how many more there are.
-        """
-        if self._faults:
-            raise self.error(choices=choices, form=form)
-
-    def error(self, *, choices: Sequence[str] = (), form: str = "") -> ScenarioError:
-        """Return the error of the faults, the first of them by line, and how many more there are."""
-        lines = [f"{self._path}:{at}: {words}" for at, words in sorted(self._faults)]
-        shown = format_faults(lines) + (f"\n{form}" if form else "")
-        return ScenarioError(shown, choices=tuple(choices))
+def check_faults(
+    path: Path,
+    faults: Collection[tuple[int, str]],
+    form: str,
+    choices: Sequence[str] = (),
+) -> None:
+    """Raise a ScenarioError where lines have faults: the first by line, how many more, and the expected form."""
+    if faults:
+        lines = [f"{path}:{at}: {words}" for at, words in sorted(faults)]
+        raise ScenarioError(f"{format_faults(lines)}\n{form}", choices=tuple(choices))
 
 
 def read_lines(path: Path, most: int = LARGEST) -> list[str]:
-    """Return the lines of a text file of any usual encoding, without line ends.
-
-    Args:
-        path: the file.
-        most: bytes that it may have.
+    """Return the lines of a text file of any usual encoding, without line ends; it has a greatest size [bytes].
 
     Raises:
         ScenarioError: it cannot be read, or is no text.
@@ -193,9 +162,10 @@ def read_lines(path: Path, most: int = LARGEST) -> list[str]:
         reason = error.strerror or str(error)
         raise ScenarioError(f"{path}: cannot be read: {reason}") from None
     if content.startswith(b"PK\x03\x04"):
-        raise ScenarioError(
-            f"{path}: this is an archive, such as Studio's .io: export the model as LDraw there"
+        words = (
+            "this is an archive, such as Studio's .io: export the model as LDraw there"
         )
+        raise ScenarioError(f"{path}: {words}")
     wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
     try:
         text = content.decode("utf-16" if wide else "utf-8-sig")
@@ -217,16 +187,13 @@ def finish_model(
             joined to nothing that stands on the plate; names them.
     """
     _check_size(path, bricks)
-    overlaps = _overlaps(bricks)
-    if overlaps:
+    if overlaps := _overlaps(bricks):
         pairs = [f"{bricks[a].words} and {bricks[b].words}" for b, a in overlaps]
         raise ScenarioError(f"{path}: in one place: {format_names(pairs)}")
     held = _held(bricks)
-    loose = [item.words for k, item in enumerate(bricks) if k not in held]
-    if loose:
-        raise ScenarioError(
-            f"{path}: joined to nothing that stands where the lowest brick stands: {format_names(loose)}"
-        )
+    if loose := [item.words for k, item in enumerate(bricks) if k not in held]:
+        words = "joined to nothing that stands where the lowest brick stands"
+        raise ScenarioError(f"{path}: {words}: {format_names(loose)}")
     return _moved(bricks, (), tuple(notes))
 
 
@@ -250,12 +217,8 @@ def finish_partial_model(
     taken = frozenset().union(*(item.places for item in bricks))
     spans = np.array([item.span for item in bricks], dtype=np.float64)
     low, high = spans[:, 0::2], spans[:, 1::2]
-    outer, above, within, hidden = (
-        list[Obstacle](),
-        list[str](),
-        list[str](),
-        set[int](),
-    )
+    outer, hidden = list[Obstacle](), set[int]()
+    above, within = list[str](), list[str]()
     for thing in obstacles:
         least, most = np.array(thing.low) + _TOUCH, np.array(thing.high) - _TOUCH
         beside = ((low < most) & (least < high))[:, :2].all(axis=1)
@@ -283,10 +246,8 @@ def finish_partial_model(
     if len(held) * _LEAST < len(free):
         # A small thing below the others: rather the largest group stands on the plate.
         lowest = min(free[k].span.bottom for k in _largest_group(free))
-        notes += _left_out(
-            "below the largest group of joined bricks",
-            [item.words for item in free if item.span.bottom < lowest],
-        )
+        below = [item.words for item in free if item.span.bottom < lowest]
+        notes += _left_out("below the largest group of joined bricks", below)
         free = [item for item in free if item.span.bottom >= lowest]
         held = _held(free)
     loose = [item.words for k, item in enumerate(free) if k not in held]
@@ -296,9 +257,7 @@ def finish_partial_model(
 
 def _is_filled(box: Obstacle, places: Collection[GridPlace]) -> bool:
     """Tell whether a box is only where there are bricks, given the places that they fill."""
-    ends = zip(box.low, box.high, strict=True)
-    spans = [range(math.floor(a + _TOUCH), math.ceil(b - _TOUCH)) for a, b in ends]
-    return all(place in places for place in product(*spans))
+    return all(place in places for place in product(*map(range, *box.places)))
 
 
 def _check_size(
@@ -312,9 +271,8 @@ def _check_size(
     lows = [(s.x0, s.y0, s.bottom) for s in spans] + [i.low for i in obstacles]
     highs = [(s.x1, s.y1, s.top) for s in spans] + [i.high for i in obstacles]
     if np.ptp(np.array([*lows, *highs], dtype=np.float64), axis=0).max() > _REASONABLE:
-        raise ScenarioError(
-            f"{path}: the bricks are more than {_REASONABLE} studs apart"
-        )
+        words = f"the bricks are more than {_REASONABLE} studs apart"
+        raise ScenarioError(f"{path}: {words}")
 
 
 def _moved(
@@ -324,8 +282,8 @@ def _moved(
     spans = [item.span for item in bricks]
     level = min(s.bottom for s in spans)
     left = [i for i in obstacles if i.high[2] - _TOUCH > level]
-    x0 = min([s.x0 for s in spans] + [math.floor(i.low[0] + _TOUCH) for i in left])
-    y0 = min([s.y0 for s in spans] + [math.floor(i.low[1] + _TOUCH) for i in left])
+    x0 = min([s.x0 for s in spans] + [i.places[0][0] for i in left])
+    y0 = min([s.y0 for s in spans] + [i.places[0][1] for i in left])
     moved = []
     for item, span in zip(bricks, spans, strict=True):
         at = span.x0 - x0, span.y0 - y0, span.bottom - level
@@ -358,20 +316,11 @@ def _overlaps(bricks: Sequence[ModelBrick]) -> list[tuple[int, int]]:
 def _largest_group(bricks: Sequence[ModelBrick]) -> set[int]:
     """Return the largest group of bricks that are joined to each other."""
     owner = {place: k for k, item in enumerate(bricks) for place in item.places}
-    left, best = set(range(len(bricks))), set[int]()
-    for start in range(len(bricks)):
-        if start not in left:
-            continue
-        group, front = {start}, [start]
-        while front:
-            places = bricks[front.pop()].places
-            near = {owner.get((x, y, z + dz)) for x, y, z in places for dz in (-1, 1)}
-            new = {k for k in near if k is not None} - group
-            group |= new
-            front += new
-        left -= group
-        best = max(best, group, key=len)
-    return best
+    graph: nx.Graph[int] = nx.Graph()
+    graph.add_nodes_from(range(len(bricks)))
+    above = ((k, owner.get((x, y, z + 1))) for (x, y, z), k in owner.items())
+    graph.add_edges_from((k, other) for k, other in above if other is not None)
+    return max(nx.connected_components(graph), key=len)
 
 
 def _held(bricks: Sequence[ModelBrick]) -> set[int]:

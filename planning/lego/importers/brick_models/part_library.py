@@ -27,7 +27,6 @@ from planning.lego.importers.brick_models.part_shape import (
     brick_shape,
     part_shape,
 )
-from planning.transforms import Array
 
 _FOLDERS = ("parts", "p", "unofficial/parts", "unofficial/p")
 """Folders of a library in the order in which a file is sought in them."""
@@ -77,9 +76,8 @@ class PartLibrary:
         self._open: list[str] = []
         self._lines = 0
         if folder is not None and self._entry(folder, "parts") is None:
-            raise ScenarioError(
-                f"{folder}: no parts library of LDraw: it has no folder 'parts'"
-            )
+            words = "no parts library of LDraw: it has no folder 'parts'"
+            raise ScenarioError(f"{folder}: {words}")
 
     def shape(self, name: str) -> PartShape | str:
         """Return the shape of a part, or the reason for which it has none.
@@ -91,19 +89,16 @@ class PartLibrary:
         if name not in self._shapes:
             self._open.clear()
             try:
-                found: PartShape | str | None = part_shape(self._geometry(name))
+                shape = part_shape(self._geometry(name))
+                self._shapes[name] = shape or "nothing is drawn in it"
             except ScenarioError as error:
-                found = str(error)
-            self._shapes[name] = "nothing is drawn in it" if found is None else found
+                self._shapes[name] = str(error)
         return self._shapes[name]
 
     def colours(self) -> dict[int, Colour]:
         """Return the colours that the library defines in its ``LDConfig.ldr``, by code."""
-        path = self._folder and self._entry(self._folder, "ldconfig.ldr")
-        if path is None or self._folder is None:
-            return {}
-        require_inside(path, self._folder)
-        lines = read_lines(path, _LARGEST)
+        path = self._path("ldconfig.ldr")
+        lines = [] if path is None else read_lines(path, _LARGEST)
         return {k: own for line in lines for k, own in read_colour(line).items()}
 
     def _geometry(self, name: str) -> PartGeometry:
@@ -128,42 +123,44 @@ class PartLibrary:
         return self._known[name]
 
     def _read(self, path: Path, lines: Sequence[tuple[int, str]]) -> PartGeometry:
-        faces, knobs, count = list[Array](), list[Array](), 0
+        faces, knobs, count = [_NOTHING.faces], [_NOTHING.knobs], 0
         for number, line in lines:
-            words = line.split(None, 14)
-            kind = words[0] if words else "0"
-            at = f"{path}:{number}"
-            if kind == "1":
-                reference = read_reference(words, number)
-                if isinstance(reference, str):
-                    raise ScenarioError(f"{at}: {reference}")
-                try:
-                    part = self._part(reference.name)
-                except ScenarioError as error:
-                    what = f"{at}: {reference.name[:60]!r}: {error}"
-                    raise ScenarioError(what) from None
-                turn, shift = reference.pose[:3, :3], reference.pose[:3, 3]
-                faces.append(part.faces @ turn.T + shift)
-                knobs.append(part.knobs @ turn.T + [shift, np.zeros(3)])
-                count += len(part.faces) + len(part.knobs)
-            elif kind in ("3", "4"):
-                values = read_numbers(words[2 : 2 + 3 * int(kind)])
-                if isinstance(values, str):
-                    raise ScenarioError(f"{at}: {values}")
-                if len(values) < 3 * int(kind):
-                    raise ScenarioError(f"{at}: a face of {kind} corners lacks some")
-                corners = np.reshape(values, (-1, 3))
-                fan = [[0, 1, 2], [0, 2, 3]][: int(kind) - 2]
-                faces.append(corners[fan])
-                count += len(fan)
-            elif kind not in ("0", "2", "5"):
-                raise ScenarioError(f"{at}: {line.strip()[:30]!r} is no line of LDraw")
+            try:
+                own = self._read_line(line, number)
+            except ScenarioError as error:
+                raise ScenarioError(f"{path}:{number}: {error}") from None
+            if own is not None:
+                faces.append(own.faces)
+                knobs.append(own.knobs)
+                count += len(own.faces) + len(own.knobs)
             if count > _MOST_FACES:
-                raise ScenarioError(f"{at}: more than {_MOST_FACES} faces and knobs")
-        return PartGeometry(
-            np.concatenate([_NOTHING.faces, *faces]),
-            np.concatenate([_NOTHING.knobs, *knobs]),
-        )
+                what = f"more than {_MOST_FACES} faces and knobs"
+                raise ScenarioError(f"{path}:{number}: {what}")
+        return PartGeometry(np.concatenate(faces), np.concatenate(knobs))
+
+    def _read_line(self, line: str, number: int) -> PartGeometry | None:
+        """Return what a line draws, None for nothing."""
+        words = line.split(None, 14)
+        kind = words[0] if words else "0"
+        if kind == "1":
+            reference = read_reference(words, number)
+            try:
+                part = self._part(reference.name)
+            except ScenarioError as error:
+                what = f"{reference.name[:60]!r}: {error}"
+                raise ScenarioError(what) from None
+            turn, shift = reference.pose[:3, :3], reference.pose[:3, 3]
+            knobs = part.knobs @ turn.T + [shift, np.zeros(3)]
+            return PartGeometry(part.faces @ turn.T + shift, knobs)
+        if kind in ("3", "4"):
+            values = read_numbers(words[2 : 2 + 3 * int(kind)])
+            if len(values) < 3 * int(kind):
+                raise ScenarioError(f"a face of {kind} corners lacks some")
+            fan = [[0, 1, 2], [0, 2, 3]][: int(kind) - 2]
+            return PartGeometry(np.reshape(values, (-1, 3))[fan], _NOTHING.knobs)
+        if kind not in ("0", "2", "5"):
+            raise ScenarioError(f"{line.strip()[:30]!r} is no line of LDraw")
+        return None
 
     def _part(self, name: str) -> PartGeometry:
         """Return the surface of a file, or the knob that it is."""
@@ -193,16 +190,17 @@ class PartLibrary:
         steps = name.split("/")
         if any(step in ("", ".", "..") or ":" in step for step in steps):
             raise ScenarioError("its path leads out of the parts library")
-        if self._folder is None:
-            return None
-        for folder in _FOLDERS:
-            path: Path | None = self._folder
-            for step in [*folder.split("/"), *steps]:
-                path = None if path is None else self._entry(path, step)
-            if path is not None:
-                require_inside(path, self._folder)
-                return path
-        return None
+        paths = (self._path(*folder.split("/"), *steps) for folder in _FOLDERS)
+        return next((path for path in paths if path is not None), None)
+
+    def _path(self, *steps: str) -> Path | None:
+        """Return a path in the library by names in small letters, None where it has none."""
+        path = self._folder
+        for step in steps:
+            path = path and self._entry(path, step)
+        if path is not None and self._folder is not None:
+            require_inside(path, self._folder)
+        return path
 
     def _entry(self, folder: Path, name: str) -> Path | None:
         """Return the entry of a folder by a name in small letters, None where it has none."""
@@ -217,11 +215,7 @@ class PartLibrary:
 
 
 def require_inside(path: Path, folder: Path) -> None:
-    """Check that no link leads from a path out of the folder that contains it.
-
-    Raises:
-        ScenarioError: it does, or leads to itself.
-    """
+    """Raise a ScenarioError if a link leads from a path out of the folder that contains it, or to itself."""
     try:
         inside = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError):  # a link to itself

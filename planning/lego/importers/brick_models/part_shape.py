@@ -110,40 +110,30 @@ def part_shape(geometry: PartGeometry) -> PartShape | None:
     nx, height, nz = (max(round(v), 1) for v in ((high - low) / UNIT).tolist())
     nothing = PartShape(low, high, np.zeros((0, 3)))
     if np.abs(high - low - UNIT * [nx, height, nz]).max() > _OFF:
-        return replace(
-            nothing, reason="its box is not of whole studs and thirds of a brick"
-        )
+        reason = "its box is not of whole studs and thirds of a brick"
+        return replace(nothing, reason=reason)
     if max(nx, nz) > _MOST_STUDS or height > _MOST_LEVELS:
-        return replace(
-            nothing,
-            reason=f"larger than {_MOST_STUDS} studs or {_MOST_LEVELS // 3} bricks",
-        )
+        reason = f"larger than {_MOST_STUDS} studs or {_MOST_LEVELS // 3} bricks"
+        return replace(nothing, reason=reason)
     at = (foot[on_top] - low)[:, [0, 2]] / STUD - 0.5
     knobs = {(x, z) for x, z in np.round(at).astype(int).tolist()}
     places = set(product(range(nx), range(nz)))
     bare = [(x + 0.5, 0.0, z + 0.5) for x, z in sorted(places - knobs)]
     shape = replace(nothing, bare=low + np.reshape(bare, (-1, 3)) * UNIT)
+    reason = ""
     if np.abs(at - np.round(at)).max(initial=0.0) > _OFF / STUD or not knobs <= places:
-        return replace(shape, reason="its knobs are not on the grid of its studs")
-    if not legal_presses(shape.brick(np.eye(4))[0]):
-        return replace(shape, reason="it has no knobs at an edge for the tool to hold")
-    if not _are_sides_closed(geometry.faces, low, high, knobs):
-        return replace(
-            shape, reason="its sides do not reach from its knobs to its bottom"
-        )
-    return shape
+        reason = "its knobs are not on the grid of its studs"
+    elif not legal_presses(shape.brick(np.eye(4))[0]):
+        reason = "it has no knobs at an edge for the tool to hold"
+    elif not _are_sides_closed(geometry.faces, low, high, knobs):
+        reason = "its sides do not reach from its knobs to its bottom"
+    return replace(shape, reason=reason)
 
 
 def _are_sides_closed(
     faces: Array, low: Array, high: Array, knobs: Collection[tuple[int, int]]
 ) -> bool:
-    """Tell whether the sides have a face beside every stud near the bottom, and beside knobs near the top.
-
-    Args:
-        faces: corners of triangles.
-        low, high: corners of the box.
-        knobs: studs along x and z that have one.
-    """
+    """Tell whether the sides of a box have a face beside every stud near the bottom, and beside knobs near the top."""
     counts = np.round((high - low) / UNIT).astype(int).tolist()
     for axis, (end, row) in product((0, 2), ((low, 0), (high, -1))):
         flat = (np.abs(faces[:, :, axis] - end[axis]) <= _OFF).all(axis=1)

@@ -182,14 +182,20 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
     cell, machines, moved = subject.cell, parts.section.machines, set[str]()
     places: dict[str, Transform] = {}
     machined = {process.machine for process in parts.section.processes.values()}
-    for number, step, where, _ in steps_in_order(cell, parts.listed):
+    listed = steps_in_order(cell, parts.listed)
+    works = (
+        (number, step, part, where)
+        for number, step, where, _ in listed
+        for part in (step.parts if isinstance(step, MachineWork) else ("",))
+    )
+    for number, step, part, where in works:
         if isinstance(step, PlacePart):
             moved.add(step.part)
         if not isinstance(step, MachineWork) or step.machine not in machined:
             continue  # unattended processes need no machine, such as glue that cures
-        name, pose = step.machine, where[step.part]
+        name, pose = step.machine, where[part]
         own = machines.get(name, MachineSection())
-        at, lying = parts.step_at(number), (cell.object(step.part), pose)
+        at, lying = parts.step_at(number), (cell.object(part), pose)
         first = places.setdefault(name, pose)
         spread = float(np.linalg.norm(pose[:3, 3] - first[:3, 3]))
         tell = f"machines.{name}.fixtures says where it stands"
@@ -203,14 +209,14 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
             ):
                 yield Finding(
                     at,
-                    f"{name} works at {step.part}, which lies on none of its fixtures by then: {nearest[0]} is"
+                    f"{name} works at {part}, which lies on none of its fixtures by then: {nearest[0]} is"
                     f" {format_millimetres(nearest[1])} away (touch_m {parts.section.touch_m:g}); put it there before"
                     " ({place: PART, at: {fixture: NAME}}), or change machines."
                     + name
                     + ".fixtures",
                     error=True,
                     code="off fixtures",
-                    parts=(step.part, nearest[0]),
+                    parts=(part, nearest[0]),
                     figures=(nearest[1],),
                 )
         elif (
@@ -218,27 +224,27 @@ def check_machines(subject: CheckContext, parts: OrderedParts) -> Findings:
         ) is not None and gap > _MACHINE_REACH:
             yield Finding(
                 at,
-                f"{name} works at {step.part} {gap:.2f} m away from its door: {tell}",
+                f"{name} works at {part} {gap:.2f} m away from its door: {tell}",
                 code="off door",
-                parts=(step.part,),
+                parts=(part,),
                 figures=(gap,),
             )
         elif spread > _MACHINE_REACH:
             yield Finding(
                 at,
-                f"{name} works at {step.part} {spread:.2f} m away from where it worked before, at"
+                f"{name} works at {part} {spread:.2f} m away from where it worked before, at"
                 f" {format_position(first[:3, 3].tolist())}: one of the two is not in the machine; {tell}",
                 code="two places",
-                parts=(step.part,),
+                parts=(part,),
                 figures=(spread, *first[:3, 3].tolist()),
             )
-        elif step.part not in moved and own.door is None:
+        elif part not in moved and own.door is None:
             yield Finding(
                 at,
-                f"{name} works at {step.part} where that lies at the start, at"
+                f"{name} works at {part} where that lies at the start, at"
                 f" {format_position(pose[:3, 3].tolist())}: no step brings it to the machine; {tell}",
                 code="not brought",
-                parts=(step.part,),
+                parts=(part,),
                 figures=tuple(pose[:3, 3].tolist()),
             )
 

@@ -136,7 +136,8 @@ def _paces(
     models = subject.scenario.execution.skill_models(folder)
     for name in section.machines:
         done = [k for k, own in section.processes.items() if own.machine == name]
-        means = {k: models[k].mean for k in done if k in models}
+        together = section.machines[name].capacity
+        means = {k: models[k].mean / together for k in done if k in models}
         yield (
             f"machine {name}",
             0.0,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from planning.cad.layout import Area, Table
 from planning.cell.workcell import Workcell
 from planning.errors import RequestError
 from planning.transforms import Array
@@ -21,12 +23,42 @@ _STEP = 0.02
 """Step between places of the assembly that are tried [m]."""
 
 
-def find_table(cell: Workcell, base: str) -> Table:
-    """Return the largest fixture as a table, with what stands on it.
+class Area(NamedTuple):
+    """A rectangle seen from above: its corners, shape (2,) [m]."""
 
-    Args:
-        cell: with the base of the assembly, wherever it is.
-        base: name of that, which does not count.
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table, and what stands on it.
+
+    Attributes:
+        area: its top.
+        top: height of that [m].
+        obstacles: what stands there, with the room that it needs [m].
+        middle: of the assembly, shape (2,) [m].
+    """
+
+    area: Area
+    top: float
+    obstacles: list[tuple[Area, float]]
+    middle: Array
+
+    def is_free(
+        self, at: Array, area: Area, room: float = 0.0
+    ) -> npt.NDArray[np.bool_]:
+        """Tell at which places, shape (n, 2), an area has some room around it among the obstacles [m]."""
+        free = np.ones(len(at), dtype=bool)
+        for other, kept in self.obstacles:
+            apart = np.maximum(at + area.low - other.high, other.low - at - area.high)
+            free &= apart.max(axis=1) >= max(room, kept)
+        return free
+
+
+def find_table(cell: Workcell, base: str) -> Table:
+    """Return the largest fixture as a table, with what stands on it; the base of the assembly does not count.
 
     Raises:
         RequestError: there is no other fixture.
@@ -46,11 +78,10 @@ def find_table(cell: Workcell, base: str) -> Table:
         for a, b in boxes.values()
         if b[2] > high[2] + 1e-3
     ]
-    for robot in cell.robots:
-        at = robot.base[:2, 3]
-        obstacles.append((Area(at, at), _FROM_ROBOT))
+    bases = (robot.base[:2, 3] for robot in cell.robots)
+    obstacles += [(Area(at, at), _FROM_ROBOT) for at in bases]
     area = Area(low[:2], high[:2])
-    return Table(area, float(high[2]), tuple(obstacles), 0.5 * (low + high)[:2])
+    return Table(area, float(high[2]), obstacles, 0.5 * (low + high)[:2])
 
 
 def best_place(
@@ -58,24 +89,15 @@ def best_place(
 ) -> tuple[float, float] | None:
     """Return where on a table an assembly is at the best distance from all robots; None where it has no room [m].
 
-    Args:
-        table: the table.
-        area: of the assembly, from its middle.
-        bases: of the robots, seen from above, each of shape (2,) [m].
+    Its area is seen from its middle, and the robots' bases from above, each of shape (2,) [m].
     """
     centre = 0.5 * (table.area.low + table.area.high)
     counts = ((table.area.high - centre) / _STEP).astype(int)
-    xs, ys = (
-        middle + _STEP * np.arange(-count, count + 1)
-        for middle, count in zip(centre, counts, strict=True)
-    )
-    at = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
+    steps = (_STEP * np.arange(-count, count + 1) for count in counts)
+    at = centre + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
     free = np.all(at + area.low >= table.area.low, axis=1)
     free &= np.all(at + area.high <= table.area.high, axis=1)
-    for other, room in table.obstacles:
-        apart = np.maximum(at + area.low - other.high, other.low - at - area.high)
-        free &= apart.max(axis=1) >= room
-    at = at[free]
+    at = at[free & table.is_free(at, area)]
     if not len(at):
         return None
     away = np.linalg.norm(at[:, None] - np.array(bases), axis=2)
