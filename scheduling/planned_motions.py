@@ -10,7 +10,6 @@ from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import TaskPlan
-from scheduling.copies import Pattern
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class PlannedMotions:
         motion_plan: how everyone moves.
         settings: how tasks were turned into motions.
         work: what task and motion plan were made from, where others can be made from it.
-        pattern: continuation of the plan for further products, None where it covers all.
+        further: motions of the other units of which the plan of all products consists, see ``AssemblyKind.units``.
         ahead: the assembly of which ``work`` is the first steps, None where all are planned.
     """
 
@@ -34,5 +33,5 @@ class PlannedMotions:
     motion_plan: MotionPlan
     settings: MotionSettings
     work: Assembly | None = field(default=None, kw_only=True)
-    pattern: Pattern | None = field(default=None, kw_only=True)
+    further: tuple[PlannedMotions, ...] = field(default=(), kw_only=True)
     ahead: Assembly | None = field(default=None, kw_only=True)

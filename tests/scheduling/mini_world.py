@@ -207,10 +207,11 @@ def random_plan(
     objects: int = 2,
     handover: bool = True,
     step: float = 0.15,
+    cell: Workcell | None = None,
 ) -> MotionPlan:
     """Robots take turns: out, a skill, maybe with a box, sometimes home, sometimes they stay."""
     rng = np.random.default_rng(seed)
-    writer = PlanWriter(planar_cell(robots, rng, objects), rng, step)
+    writer = PlanWriter(cell or planar_cell(robots, rng, objects), rng, step)
     names = [r.name for r in writer.cell.robots]
     last_use: dict[str, int] = {}
     for _ in range(rounds):

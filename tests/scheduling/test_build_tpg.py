@@ -5,7 +5,6 @@ The invariant holds for what is built, and its breaches are found and named.
 
 from dataclasses import replace
 
-import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,14 +15,11 @@ from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task import AllowedContact, Handling, Task, TaskKind
+from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array, rotation, translation
 from scheduling.build_nodes import build_nodes
-from scheduling.build_tpg import build_tpg, connect_nodes
+from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.copies import Pattern, copied_nodes
-from scheduling.graph.plan_files import load_plan, save_plan
-from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -32,9 +28,7 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from scheduling.graph.total_order import planned_ranks
 from scheduling.invariant import check_invariant
-from scheduling.repeat import repeat_graph
 from tests.scheduling.algorithm_one import PlainGraph, order_of
-from tests.scheduling.line_world import line_plan
 from tests.scheduling.mini_world import planar_arm, random_plan
 from tests.scheduling.random_dispatch import run_at_random
 
@@ -345,138 +339,3 @@ def test_a_handover_without_a_dependency_is_refused() -> None:
     )
     tpg = build_tpg(replace(plan, dependencies=np.array([[1, 2]])))
     assert tpg.edges.tolist() == [[0, 1, 1, 0]]
-
-
-def _leaves(tpg: TemporalPlanGraph) -> list[float]:
-    """Return when each product has left [s]."""
-    (chain,) = (
-        k
-        for k, c in enumerate(tpg.chains)
-        if tpg.tasks[c.task[0]].kind == TaskKind.LEAVE
-    )
-    ends: list[float] = earliest_times(tpg).end[chain].tolist()
-    return ends
-
-
-@pytest.mark.parametrize("products", [1, 2, 4, 5, 9])
-@pytest.mark.parametrize(
-    ("every_s", "buffer"), [(0.0, None), (3.0, None), (3.0, 1), (3.0, 3)]
-)
-def test_shifted_copies_are_the_graph_of_all(
-    products: int, every_s: float, buffer: int | None
-) -> None:
-    plan, pattern = line_plan(
-        every_s=every_s, leave_s=0.5, products=products, buffer=buffer
-    )
-    quick = repeat_graph(build_tpg(plan), pattern)
-    nodes = copied_nodes(build_nodes(plan), pattern)
-    slow = connect_nodes(DerivedTpg(nodes))
-    assert np.array_equal(quick.edges, slow.edges)
-    assert np.array_equal(quick.cause, slow.cause)
-    assert [task.index for task in quick.tasks] == list(range(len(quick.tasks)))
-    assert quick.products.max() == products
-    check_invariant(DerivedTpg(quick))
-
-
-def test_a_conveyor_slower_than_the_robots_sets_the_pace() -> None:
-    plan, pattern = line_plan(every_s=50.0, products=12)
-    ends = _leaves(repeat_graph(build_tpg(plan), pattern))
-    assert np.allclose(np.diff(ends)[2:], 50.0)
-
-
-def test_a_product_does_not_wait_for_the_whole_one_before() -> None:
-    plan, pattern = line_plan(leave_s=0.5, products=10)
-    alone = build_tpg(plan)
-    takt = np.diff(_leaves(repeat_graph(alone, pattern)))
-    assert np.allclose(takt[2:], takt[-1])
-    in_turns = sum(float(chain.duration.sum()) for chain in alone.chains)
-    assert takt[-1] < in_turns - 0.1
-
-
-@pytest.mark.parametrize("every_s", [0.0, 2.0, 7.5])
-def test_the_takt_is_the_greatest_cycle_mean(every_s: float) -> None:
-    """Of all ways from a node to the same node of later products: time over products."""
-    plan, pattern = line_plan(every_s=every_s, leave_s=1.25, products=40)
-    tpg = repeat_graph(build_tpg(plan), pattern)
-    ends = _leaves(tpg)
-    lengths = [len(c) // 40 if k < 2 else 1 for k, c in enumerate(tpg.chains)]
-    graph: nx.MultiDiGraph[tuple[int, int]] = nx.MultiDiGraph()
-    for k, chain in enumerate(tpg.chains):
-        for node in range(lengths[k]):
-            after = (node + 1) % lengths[k]
-            lag = int(node + 1 == lengths[k])
-            graph.add_edge(
-                (k, node), (k, after), time=chain.duration[node], products=lag
-            )
-    for r, u, s, v in tpg.edges.tolist():
-        if v // lengths[s] != 20:
-            continue
-        lag = 20 - u // lengths[r]
-        source = r, u % lengths[r]
-        time = tpg.chains[r].duration[u]
-        graph.add_edge(source, (s, v % lengths[s]), time=time, products=lag)
-    best = 0.0
-    simple: nx.DiGraph[tuple[int, int]] = nx.DiGraph(graph)
-    for cycle in nx.simple_cycles(simple):
-        time = products = 0.0
-        for u, v in zip(cycle, [*cycle[1:], cycle[0]], strict=True):
-            edge = max(graph[u][v].values(), key=lambda e: (-e["products"], e["time"]))
-            time, products = time + edge["time"], products + edge["products"]
-        best = max(best, time / products)
-    assert np.diff(ends)[-1] == pytest.approx(best)
-
-
-def _returning(plan: MotionPlan) -> MotionPlan | None:
-    """Return a random plan whose robots go home at the end, None where one would not."""
-    tasks, motions = list(plan.tasks), list(plan.motions)
-    for robot in plan.cell.robots:
-        own = [m for t, m in zip(tasks, motions, strict=True) if t.robot == robot.name]
-        if own and np.any(own[-1].path[-1] != own[0].path[0]):
-            end = motions[-1].time[-1]
-            path = np.stack([own[-1].path[-1], own[0].path[0]])
-            kind = len(tasks), robot.name, "transit", 1, "home", path[1:]
-            tasks.append(Task(*kind))
-            motions.append(TaskMotion(path, end + np.array([0.0, 1.0])))
-    whole = replace(plan, tasks=tuple(tasks), motions=tuple(motions))
-    try:
-        build_tpg(whole)
-    except PlanInvariantError:
-        return None
-    return whole
-
-
-@settings(max_examples=25, deadline=None)
-@given(seed=st.integers(0, 10_000), robots=st.integers(2, 3))
-def test_random_plans_repeat(seed: int, robots: int) -> None:
-    plan = random_plan(robots, seed, rounds=6, objects=0)
-    whole = _returning(plan)
-    if whole is None:
-        return
-    count = len(whole.tasks)
-    none = np.empty((0, 3), dtype=np.int64)
-    pattern = Pattern(8, 1, np.ones(count, dtype=np.int64), none, {})
-    tpg = build_tpg(whole)
-    quick = repeat_graph(tpg, pattern)
-    slow = connect_nodes(DerivedTpg(copied_nodes(tpg, pattern)))
-    assert np.array_equal(quick.edges, slow.edges)
-    check_invariant(DerivedTpg(quick))
-
-
-def test_what_does_not_return_is_refused() -> None:
-    plan, pattern = line_plan(products=3)
-    tpg = build_tpg(plan)
-    chains = (tpg.chains[0].cut(0, len(tpg.chains[0]) - 1), *tpg.chains[1:])
-    with pytest.raises(PlanInvariantError, match="away from where it begins"):
-        copied_nodes(replace(tpg, chains=chains), pattern)
-
-
-def test_a_repeated_plan_comes_back_from_its_files(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    plan, pattern = line_plan(every_s=3.0, products=7)
-    tpg = repeat_graph(build_tpg(plan), pattern)
-    save_plan(tpg, tmp_path)
-    models = {robot.model.name: robot.model for robot in tpg.cell.robots}
-    loaded = load_plan(tmp_path, models)
-    assert np.array_equal(loaded.products, tpg.products)
-    assert [m.name for m in loaded.cell.machines] == ["belt", "stop", "outfeed"]
-    assert np.array_equal(loaded.edges, tpg.edges)
-    check_invariant(DerivedTpg(loaded))

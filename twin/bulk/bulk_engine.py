@@ -116,12 +116,12 @@ class BulkEngine:
 
     def _drawn(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds, Array]:
         """Return motion time, standstill [ns] and speed override of every node, shape (replications, nodes) each."""
-        stood = times.stood_ns()
-        return (
-            np.ascontiguousarray((times.busy_ns - stood).T),
-            np.ascontiguousarray(stood.T),
-            np.ascontiguousarray(times.speed_override.T),
-        )
+        motion, stood = times.busy_ns.T, np.zeros(times.busy_ns.T.shape, dtype=np.int64)
+        if times.standstills:
+            stood = np.ascontiguousarray(times.stood_ns().T)
+            motion = motion - stood
+        override = np.ascontiguousarray(times.speed_override.T)
+        return np.ascontiguousarray(motion), stood, override
 
     def _driven(
         self, motion: Nanoseconds, stand: Nanoseconds, override: Array
@@ -134,9 +134,18 @@ class BulkEngine:
 
     def _busy(self, totals: Nanoseconds) -> Nanoseconds:
         """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
-        busy = np.repeat(self._shares.fixed[:, None], totals.shape[1], axis=1)
-        _add_shares(totals, self._shares, busy)
-        return busy
+        shares = self._shares
+        drawn, own = np.unique(shares.segment, return_inverse=True)
+        varied = np.repeat(shares.fixed[drawn, None], totals.shape[1], axis=1)
+        _add_shares(totals, shares._replace(segment=own), varied)
+        if self._drive is None:
+            busy = np.repeat(shares.fixed[:, None], totals.shape[1], axis=1)
+            busy[drawn] = varied
+            return busy
+        # Replications one after another in memory, as they are simulated.
+        busy = np.repeat(shares.fixed[None], totals.shape[1], axis=0)
+        busy[:, drawn] = varied.T
+        return busy.T
 
     def least_makespan_ns(self) -> int:
         """Return the makespan with the shortest possible duration of every skill [ns].

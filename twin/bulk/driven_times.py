@@ -12,8 +12,6 @@ references atomically, which took three quarters of the time.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from planning.kernels import inner_kernel, kernel
@@ -28,19 +26,6 @@ _NEVER = 2**61
 
 _REMEMBERED = 4
 """Nodes of passages that are remembered, over the nodes of the graph."""
-
-
-class _Passages(NamedTuple):
-    """Undisturbed motions from rest to the next stop, which are the same in every replication.
-
-    Attributes:
-        place: where the passage that begins with a node is, -1 if it is not known yet, shape (nodes,).
-        start, end: of its nodes, counted from its begin, shape (remembered,) [ns].
-    """
-
-    place: Indices
-    start: Nanoseconds
-    end: Nanoseconds
 
 
 def joined_drives(tpg: TemporalPlanGraph, graph: PrecedenceArrays) -> DriveTimes:
@@ -95,11 +80,10 @@ def driven_times(
     passed, speed = np.empty(chains), np.empty(chains)
     pending = np.empty(chains, np.int64)
     waiting = _waiting(edge_first, nodes, ahead)
-    known = _Passages(
-        np.full(nodes, -1),
-        np.empty(_REMEMBERED * nodes, np.int64),
-        np.empty(_REMEMBERED * nodes, np.int64),
-    )
+    # Of each node the place of the passage that begins with it, -1 if it is not known yet; times from its begin.
+    known = np.full(nodes, -1)
+    known_start = np.empty(_REMEMBERED * nodes, np.int64)
+    known_end = np.empty(_REMEMBERED * nodes, np.int64)
     remembered = 0
     disturbed = np.zeros(nodes + 1, np.int64)  # how many of the nodes before each
     for r in range(len(motion_ns)):
@@ -107,12 +91,12 @@ def driven_times(
         begun[:] = _NEVER
         done[:] = _NEVER
         for n in range(nodes):
-            factor, before = 1.0, 1.0
+            factor, before, whole = 1.0, 1.0, drive.length[n]
             if len(override):
                 factor, before = override[r, n], override[0, n]
-            ramp[n] = drive.ramp[n] / factor
-            lag[n] = np.int64(np.ceil(drive.lag[n] / factor))
-            whole = drive.length[n] / factor
+                ramp[n] = drive.ramp[n] / factor
+                lag[n] = np.int64(np.ceil(drive.lag[n] / factor))
+                whole /= factor
             # A shorter time than at full speed means a shorter path.
             length[n] = whole
             if motion_ns[r, n] < length[n] - 1.0:
@@ -171,11 +155,11 @@ def driven_times(
             last = min(last - 1, last_of[n])
             alike = speed[k] <= 0.0 and pending[k] == 0 and last == last_of[n]
             alike = alike and disturbed[last + 1] == disturbed[n]
-            place = known.place[n]
+            place = known[n]
             if alike and place >= 0:
                 for m in range(n, last + 1):
-                    begun[m] = now + known.start[place + m - n]
-                    done[m] = now + known.end[place + m - n]
+                    begun[m] = now + known_start[place + m - n]
+                    done[m] = now + known_end[place + m - n]
                 base[k], passed[k], node[k] = done[last], 0.0, last + 1
                 continue
             opened, stop = n, _settled(length, ramp, n, last, last_of[n])
@@ -201,12 +185,12 @@ def driven_times(
                 speed[k] = 0.0
                 base[k], passed[k] = done[stop], 0.0
             more = last + 1 - opened
-            if alike and remembered + more <= len(known.start):
-                known.place[opened] = remembered
-                known.start[remembered : remembered + more] = begun[opened : last + 1]
-                known.end[remembered : remembered + more] = done[opened : last + 1]
-                known.start[remembered : remembered + more] -= now
-                known.end[remembered : remembered + more] -= now
+            if alike and remembered + more <= len(known_start):
+                known[opened] = remembered
+                known_start[remembered : remembered + more] = begun[opened : last + 1]
+                known_end[remembered : remembered + more] = done[opened : last + 1]
+                known_start[remembered : remembered + more] -= now
+                known_end[remembered : remembered + more] -= now
                 remembered += more
     return start, end
 

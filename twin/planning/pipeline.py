@@ -52,7 +52,7 @@ def plan_motions(
     """Plan assignment and sequential motions, before robots move simultaneously.
 
     The stages are those of the kind of assembly, then assignment and motion; see plan_scenario for the
-    errors.
+    errors. What consists of several units has the motions of the first one, and the others beside them.
 
     Args:
         scenario: a checked scenario.
@@ -68,6 +68,19 @@ def plan_motions(
     kind = kind.written_out() if whole or first is not None else kind
     if first is None:
         _require_plannable(scenario, kind)
+    units = kind.units() if first is None else (kind,)
+    found = [_unit_motions(scenario, folder, watch, unit, first) for unit in units]
+    return replace(found[0], further=tuple(found[1:]))
+
+
+def _unit_motions(
+    scenario: Scenario,
+    folder: Path,
+    watch: StageWatch,
+    kind: AssemblyKind,
+    first: int | None,
+) -> PlannedMotions:
+    """Plan the motions of one unit; see ``plan_motions``."""
     cell = build_workcell(scenario, folder, kind)
     settings = motion_settings(scenario, cell, folder)
     if first is None and kind.space_time:
@@ -273,7 +286,8 @@ def default_shortcuts(scenario: Scenario) -> int:
     kind = assembly_kind(scenario.assembly)
     if kind.space_time:
         return 0  # its planner has shortened the paths already
-    return max(CANDIDATES_PER_STEP * kind.steps(), FEWEST_CANDIDATES)
+    steps = max(unit.steps() for unit in kind.units())
+    return max(CANDIDATES_PER_STEP * steps, FEWEST_CANDIDATES)
 
 
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:

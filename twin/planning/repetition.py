@@ -1,40 +1,41 @@
-"""Plans for all products of a production line, made by repeating the plans of the first products."""
+"""Plans for all products of a production line, made by repeating the plans of a few."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from planning.errors import PlanInvariantError
-from scheduling.copies import Pattern
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.repeat import repeat_graph
 from twin.host.progress import StageWatch
 from twin.runs.policies import IN_TURNS, SHORTENED
+from twin.scenario.sections.kind import AssemblyKind
 
 PRODUCTS = "all products"
 """Name of the stage for progress displays."""
 
 
-def repeated_plans(
-    plans: Mapping[str, TemporalPlanGraph], pattern: Pattern | None, watch: StageWatch
+def plans_of_all_products(
+    units: Sequence[Mapping[str, TemporalPlanGraph]],
+    kind: AssemblyKind,
+    watch: StageWatch,
 ) -> dict[str, TemporalPlanGraph]:
-    """Return plans for all products; complete ones are returned unchanged.
+    """Return plans of all products; those of an assembly that is made once are returned unchanged.
 
     Args:
-        plans: by their names in twin.runs.policies, that in turns before the shortened one.
-        pattern: pattern of the repetition, None without one.
+        units: plans of each unit, by their names in twin.runs.policies, that in turns before the shortened one.
+        kind: of the assembly.
         watch: measures the stage, which is products.
 
     Raises:
-        PlanInvariantError: equipment of one product obstructs the next.
+        PlanInvariantError: equipment of one product obstructs another.
     """
-    if pattern is None:
-        return dict(plans)
+    if kind.products() == 1:
+        return dict(units[0])
     found: dict[str, TemporalPlanGraph] = {}
     with watch.stage("products", PRODUCTS):
-        for name, tpg in plans.items():
+        for name in units[0]:
             try:
-                found[name] = repeat_graph(tpg, pattern)
+                found[name] = kind.all_products([plans[name] for plans in units])
             except PlanInvariantError:
                 # A shortcut of one product may obstruct the next; HOME never does.
                 if name != SHORTENED or IN_TURNS not in found:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -29,7 +29,7 @@ from twin.planning.pipeline import (
     shorten_plan,
     wanted_steps,
 )
-from twin.planning.repetition import repeated_plans
+from twin.planning.repetition import plans_of_all_products
 from twin.planning.time_parameterization import time_parameterize
 from twin.registry import HOOKS
 from twin.runs.policies import (
@@ -161,9 +161,10 @@ def plan_scenario(
         return plan
     used = plan.motions
     # What other plans can be made from is no longer needed, and cannot be saved.
-    plan = replace(plan, made_of=replace(used, work=None))
-    if used.pattern is not None:
-        return _repeated(plan, watch)
+    plan = replace(plan, made_of=replace(used, work=None, further=()))
+    if sections.kind.products() > 1:
+        further = [_shortest(case, other, watch) for other in motions.further]
+        return _of_all_products([plan, *further], watch)
     if not bound or used.work is None or "makespan bound" not in HOOKS:
         return plan
     least = HOOKS.load("makespan bound")
@@ -179,18 +180,20 @@ def _wanted(
     candidates: int,
 ) -> PlanResult:
     """Return plans by their names for all products, from the motions of the best subset of robots."""
-    promising = _promising_motions(case.sections, motions, watch)
-    motions = promising.motions[0]
-    if len(promising.motions) > 1:
-        motions = _best_coordinated(case, promising, watch).motions
-    made = CoordinatedPlans(
-        motions, case.sections, lambda: watch, candidates=candidates
-    )
     needed = {*wanted, *(WHOLE_PLANS.get(name) for name in wanted)}
     order = (IN_TURNS, IN_SLOTS, *WHOLE_PLANS)
-    within = {name: made[name] for name in order if name in needed}
-    repeated = repeated_plans(within, motions.pattern, watch)
-    plans = {name: plan for name, plan in repeated.items() if name in wanted}
+    units = []
+    for unit in (motions, *motions.further):
+        promising = _promising_motions(case.sections, unit, watch)
+        best = promising.motions[0]
+        if len(promising.motions) > 1:
+            best = _best_coordinated(case, promising, watch).motions
+        made = CoordinatedPlans(
+            best, case.sections, lambda: watch, candidates=candidates
+        )
+        units.append({name: made[name] for name in order if name in needed})
+    found = plans_of_all_products(units, case.sections.kind, watch)
+    plans = {name: plan for name, plan in found.items() if name in wanted}
     name, tpg = list(plans.items())[-1]
     return PlanResult(case, tpg, name, planning_s=watch.seconds, plans=plans)
 
@@ -253,13 +256,16 @@ def _shorter(
     return other if other.makespan_s < plan.makespan_s else plan
 
 
-def _repeated(plan: PlanResult, watch: StageWatch) -> PlanResult:
-    """Repeat the plan of the first products for all products; the stage is products."""
-    plans = {IN_TURNS: plan.turns or plan.tpg, plan.name: plan.tpg}
-    found = repeated_plans(plans, plan.motions.pattern, watch)
-    if (tpg := found[plan.name]) is found[IN_TURNS]:
-        return replace(plan, tpg=tpg, turns=None, name=IN_TURNS)
-    return replace(plan, tpg=tpg, turns=found[IN_TURNS])
+def _of_all_products(units: Sequence[PlanResult], watch: StageWatch) -> PlanResult:
+    """Return the plan of all products from those of the units; the stage is products."""
+    plan, kind = units[0], units[0].scenario.sections.kind
+    plans = [{IN_TURNS: own.turns or own.tpg, own.name: own.tpg} for own in units]
+    found = plans_of_all_products(plans, kind, watch)
+    tpg, turns = found[plan.name], found[IN_TURNS]
+    idle = tuple(own for own in plan.idle if own.robot in tpg.idle_robots())
+    if tpg is turns:
+        return replace(plan, tpg=tpg, turns=None, name=IN_TURNS, idle=idle)
+    return replace(plan, tpg=tpg, turns=turns, idle=idle)
 
 
 class CoordinatedPlans:

@@ -20,7 +20,8 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
-from scheduling.repeat import repeat_graph
+from scheduling.sequences.copies import copies_in_sequence
+from scheduling.sequences.splice import splice_plans
 from tests.scheduling.graph.test_windows import plain_times, windowed_tpg
 from tests.scheduling.line_world import line_plan
 from tests.shipped_runs import ShippedRuns
@@ -246,7 +247,7 @@ OF_MACHINES = SkillDurations(
 @pytest.fixture(scope="module")
 def line() -> TemporalPlanGraph:
     plan, pattern = line_plan(every_s=16.0, leave_s=1.5, products=9, buffer=2)
-    return repeat_graph(build_tpg(plan), pattern)
+    return splice_plans(copies_in_sequence(build_tpg(plan), pattern))
 
 
 @pytest.mark.parametrize("policy", ["asynchronous", "sequential", "open-loop"])

@@ -16,11 +16,12 @@ from planning.parts.assembly import PartAssembly
 from planning.tasks.task import TaskKind
 from scheduling.build_tpg import build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.copies import copied_nodes
 from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
 from scheduling.planned_motions import PlannedMotions
-from scheduling.repeat import repeat_graph
+from scheduling.sequences.copies import copies_in_sequence
+from scheduling.sequences.sequence import SequenceNodes
+from scheduling.sequences.splice import splice_plans
 from tests.assembly_section import assembly_section
 from tests.twin.operations.operated import operated_by_program
 from tests.twin.program import invoke
@@ -144,8 +145,9 @@ def test_copies_of_a_shared_vehicle_are_the_graph_of_all(
     assert motions.pattern is not None
     assert motions.pattern.period == 4
     pattern = replace(motions.pattern, products=products)
-    quick = repeat_graph(tpg, pattern)
-    slow = connect_nodes(DerivedTpg(copied_nodes(tpg, pattern)))
+    sequence = copies_in_sequence(tpg, pattern)
+    quick = splice_plans(sequence)
+    slow = connect_nodes(DerivedTpg(SequenceNodes(sequence).graph()))
     assert np.array_equal(quick.edges, slow.edges)
     check_invariant(DerivedTpg(quick))
     (agv,) = (c for c in quick.chains if quick.tasks[c.task[0]].robot == "agv")

@@ -7,6 +7,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
+import networkx as nx
 import numpy as np
 import pytest
 import yaml
@@ -14,6 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.tasks.assembly import Assembly
+from planning.tasks.task_graph import task_graph
+from scheduling.build_tpg import connect_nodes
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.assembly_section import assembly_section
 from tests.planted import planted
@@ -21,9 +25,11 @@ from tests.twin.operations.operated import operated, require_safe
 from tests.twin.planning.test_lines import KITTING, planned
 from tests.twin.written import refusal, written
 from twin.audits.expectations import scenario_expectations
+from twin.host.progress import StageWatch
 from twin.kinds.parts.line import write_out_line
 from twin.kinds.parts.section import PartsSection
 from twin.kinds.parts.variants import repeated_sequence, sequence_by_shares
+from twin.planning.pipeline import plan_motions
 from twin.reading.scenario_file import load_scenario
 from twin.runs.execution_record import ExecutionRecord
 from twin.runs.summary import summarize_run
@@ -401,3 +407,30 @@ def test_a_mix_is_operated(seed: int, tmp_path: Path) -> None:
     }
     assert len(whole) == 5 or done.record.outcome != "completed"
     assert {*done.tpg.products.tolist()} - {0} == whole
+
+
+def _waits(tasks: Any, pairs: Any) -> set[tuple[str, str]]:
+    """Return the closure of waits between tasks and of the order of each robot, by names of tasks."""
+    names = [f"{task.robot}: {task.kind} {task.object} {task.step}" for task in tasks]
+    graph = nx.DiGraph(task_graph(tasks, pairs).edges)
+    return {(names[a], names[b]) for a, b in nx.transitive_closure_dag(graph).edges}
+
+
+def test_products_planned_once_wait_as_if_all_were_planned(tmp_path: Path) -> None:
+    change = [
+        {"by": "setter", "durations": {"short": {"long": 8}, "long": {"short": 5}}}
+    ]
+    order = ["short", "short", "long", "long"]
+    file = mix(tmp_path, order=order, variants=BOTH, count=7)
+    text = yaml.safe_load(file.read_text())
+    text["assembly"]["changeovers"] = change
+    text["planning"]["shortcut_candidates"] = 0
+    own = load_scenario(written(tmp_path, yaml.safe_dump(text, sort_keys=False)))
+    assert len(own.kind.units()) < 7
+    tpg = plan_scenario(own, tmp_path).tpg
+    every = plan_motions(own, tmp_path, StageWatch(), whole=True).motion_plan
+    assert _waits(tpg.tasks, tpg.dependencies) == _waits(
+        every.tasks, every.dependencies
+    )
+    slow = connect_nodes(DerivedTpg(tpg))
+    assert np.array_equal(tpg.edges, slow.edges)

@@ -12,7 +12,6 @@ from planning.tasks.task import TaskKind
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.repeat import repeat_graph
 from scheduling.verification.verify import verify_plan
 from tests.planted import rows
 from tests.twin.operations.operated import operated
@@ -130,9 +129,7 @@ def test_one_product_after_another(folder: Path, planned: PlanResult) -> None:
         return int(np.count_nonzero(begin[1:] < end[:-1]))
 
     own = assembly_kind(loaded(folder, tool_line(folder), BOUND).assembly)
-    motions = own.finished(planned.motions)
-    assert motions.pattern is not None
-    bounded = repeat_graph(build_tpg(motions.motion_plan), motions.pattern)
+    bounded = own.all_products([build_tpg(planned.motions.motion_plan)])
     assert verify_plan(bounded).problems == ()
     for seed in range(5):
         assert overlaps(planned.tpg, seed) > 0

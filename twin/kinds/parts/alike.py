@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product, zip_longest
 from typing import TypeVar
 
-from scheduling.copies import product_part_name
+from scheduling.sequences.copies import product_part_name
 from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.between import FitSection

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from planning.parts.supply import Changeover
-from scheduling.copies import product_part_name
+from scheduling.sequences.copies import product_part_name
 from twin.durations.composed import AnyDuration
 from twin.kinds.parts.section import PartsSection
 

@@ -46,7 +46,9 @@ from twin.scenario.sections.shapes import to_planning_class
 
 if TYPE_CHECKING:
     from planning.parts.work import PartWork
+    from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
     from scheduling.planned_motions import PlannedMotions
+    from twin.kinds.parts.units import LineUnits
 
 
 _GREY_BLUE = (196, 214, 226)
@@ -65,6 +67,7 @@ class PartKind(AssemblyKind):
     Attributes:
         section: the scenario section.
         whole: whether all products are written out, and not those of a pattern only.
+        unit: the one product that is planned, of several variants; None for all of the line.
     """
 
     section_class = PartsSection
@@ -73,11 +76,12 @@ class PartKind(AssemblyKind):
 
     section: PartsSection
     whole: bool = False
+    unit: Line | None = None
 
     @property
     def line(self) -> Line:
         """The products that are planned."""
-        return write_out_line(self.section, whole=self.whole)
+        return self.unit or write_out_line(self.section, whole=self.whole)
 
     def written_out(self) -> PartKind:
         """Return the same with every product planned by itself."""
@@ -85,6 +89,8 @@ class PartKind(AssemblyKind):
 
     def steps(self) -> int:
         """Return the number of steps, of one product or of all."""
+        if self.unit is not None:
+            return len(self.unit.section.steps)
         ends = self.product_ends()
         return ends[-1] if self.whole or self.variants() else ends[0]
 
@@ -285,15 +291,40 @@ class PartKind(AssemblyKind):
                 found = find_alike_candidates(cell, assembly, find_candidates)
             return part_work(found)
 
-    def finished(self, motions: PlannedMotions) -> PlannedMotions:
-        """Return motions with their repetition pattern and the product of each task."""
-        line = self.line
-        if line.products == 1 or self.whole:
-            return motions
+    def units(self) -> tuple[PartKind, ...]:
+        """Return the distinct products in their surroundings where there are several variants."""
+        if (found := self._line_units()) is None:
+            return (self,)
+        return tuple(replace(self, unit=unit) for unit in found.units)
+
+    def _line_units(self) -> LineUnits | None:
+        """Return the units of products of several variants, None where products are planned together.
+
+        They are where batches interleave them, where places of a grid are taken by turns, and where the work in
+        progress is bounded.
+        """
+        from twin.kinds.parts.units import line_units
+
+        products, steps = self.section.products, self.section.steps
+        if self.whole or not self.variants() or self._order:
+            return None
+        if products is None or products.in_progress:
+            return None
+        if any(step.at and step.at.grid for step in steps):
+            return None
+        return line_units(self.section.model_dump_json())
+
+    def all_products(self, plans: Sequence[TemporalPlanGraph]) -> TemporalPlanGraph:
+        """Return the plan of all products from those of the units, or from that of the first ones."""
+        from scheduling.sequences.copies import copies_in_sequence
+        from scheduling.sequences.splice import splice_plans
         from twin.kinds.parts.pattern import line_pattern
 
-        pattern = line_pattern(line, motions.motion_plan.tasks)
-        return replace(motions, pattern=pattern)
+        if (units := self._line_units()) is not None:
+            return splice_plans(units.sequence(plans))
+        (plan,) = plans
+        pattern = line_pattern(self.line, plan.tasks)
+        return splice_plans(copies_in_sequence(plan, pattern))
 
 
 def _objects(line: Line, folder: Path) -> tuple[CellObject, ...]:

@@ -16,7 +16,7 @@ from planning.parts.supply import Leaving, Supply
 from planning.tasks.refill import PlacedPart, Refill
 from planning.tasks.task import TaskKind
 from planning.transforms import Transform, read_only_copy
-from scheduling.copies import product_part_name
+from scheduling.sequences.copies import product_part_name
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts

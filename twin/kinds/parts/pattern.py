@@ -11,7 +11,7 @@ import numpy as np
 
 from planning.parts.work_in_progress import waits_in_progress
 from planning.tasks.task import Task, TaskKind, changed_tools, is_product_task
-from scheduling.copies import Pattern, product_part_name
+from scheduling.sequences.copies import Pattern, product_part_name
 from twin.kinds.parts.line import Line
 
 

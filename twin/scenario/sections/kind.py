@@ -30,6 +30,7 @@ from twin.scenario.sections.execution import ExecutionSection, StepWindowSection
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
     from planning.tasks.assembly import Assembly
+    from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
     from scheduling.planned_motions import PlannedMotions
 
 SpeedModelName = Literal["limits", "joint", "l1"]
@@ -155,6 +156,18 @@ class AssemblyKind(Protocol):
     def written_out(self) -> Self:
         """Return the same with every product planned by itself, where plans else repeat after the first ones."""
         return self
+
+    def units(self) -> tuple[Self, ...]:
+        """Return what is planned by itself, each as an assembly from HOME to HOME, to be executed as often as needed."""
+        return (self,)
+
+    def all_products(self, plans: Sequence[TemporalPlanGraph]) -> TemporalPlanGraph:
+        """Return the plan of all products, made from the plans of the units; only asked of several products.
+
+        Raises:
+            PlanInvariantError: equipment of one product obstructs another.
+        """
+        raise AssertionError("one product is planned as a whole")
 
     def machines(self) -> tuple[str, ...]:
         """Return the names of the machines that bring parts and take products away."""
