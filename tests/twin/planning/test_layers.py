@@ -29,6 +29,7 @@ from tests.twin.written import checked, loaded, refusal, written
 from twin.host.progress import StageWatch
 from twin.kinds.parts.line import write_out_line
 from twin.kinds.parts.ordered_parts import OrderedParts
+from twin.kinds.parts.pattern import line_pattern
 from twin.kinds.parts.section import PartsSection
 from twin.kinds.parts.sources import GridSection
 from twin.planning.build_workcell import build_workcell
@@ -138,13 +139,14 @@ def test_one_vehicle_serves_two_trays_and_a_pallet(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("products", [16, 17, 19, 22])
 def test_copies_of_a_shared_vehicle_are_the_graph_of_all(
-    products: int, motions: PlannedMotions
+    products: int, motions: PlannedMotions, tmp_path: Path
 ) -> None:
     """Also where a tray is not needed any more, and a pallet leaves after it would have come."""
     tpg = build_tpg(motions.motion_plan)
-    assert motions.pattern is not None
-    assert motions.pattern.period == 4
-    pattern = replace(motions.pattern, products=products)
+    line = write_out_line(assembly_section(loaded(tmp_path, CELL), PartsSection))
+    pattern = line_pattern(line, motions.motion_plan.tasks)
+    assert pattern.period == 4
+    pattern = replace(pattern, products=products)
     sequence = copies_in_sequence(tpg, pattern)
     quick = splice_plans(sequence)
     slow = connect_nodes(DerivedTpg(SequenceNodes(sequence).graph()))

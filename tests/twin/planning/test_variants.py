@@ -412,7 +412,7 @@ def test_a_mix_is_operated(seed: int, tmp_path: Path) -> None:
 def _waits(tasks: Any, pairs: Any) -> set[tuple[str, str]]:
     """Return the closure of waits between tasks and of the order of each robot, by names of tasks."""
     names = [f"{task.robot}: {task.kind} {task.object} {task.step}" for task in tasks]
-    graph = nx.DiGraph(task_graph(tasks, pairs).edges)
+    graph: nx.DiGraph[int] = nx.DiGraph(task_graph(tasks, pairs).edges)
     return {(names[a], names[b]) for a, b in nx.transitive_closure_dag(graph).edges}
 
 
