@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import takewhile
 from typing import TypeVar
 
 import numpy as np
@@ -506,11 +507,21 @@ class _Writer:
             update["at"] = step.at.model_copy(update={"part": part})
         if step.at is not None and (grid := step.at.grid) is not None:
             pose = np.eye(4) if step.at.pose is None else step.at.pose.transform()
-            before = self.sequence[: product - 1] or [""] * (product - 1)
-            turn = sum(own in (step.variants or before) for own in before) % grid.size
+            turn = self._turn(step, product) % grid.size
             place = PoseSection.of(pose @ grid.places()[turn])
             update["at"] = step.at.model_copy(update={"pose": place, "grid": None})
         return step.model_copy(update=update)
+
+
+    def _turn(self, step: StepSection, product: int) -> int:
+        """Return how often something is put down at the grid of a step before, whatever part that is."""
+        uses = {
+            variant: sum(other.at == step.at for other in own.steps)
+            for variant, own in self.own.items()
+        }
+        earlier = takewhile(lambda own: own is not step, self._of(product).steps)
+        before = self.sequence[: product - 1] or [""] * (product - 1)
+        return sum(own.at == step.at for own in earlier) + sum(uses[k] for k in before)
 
 
 def _elsewhere(steps: Sequence[StepSection]) -> frozenset[int]:
