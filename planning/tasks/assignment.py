@@ -349,17 +349,32 @@ class TaskPlan:
         choices: one per step.
         taken: objects taken by steps so far, by number.
         present: names of the objects that have come up by now.
+        tools: tools on the robots where the rest of an assembly begins.
+        left: steps of that rest; of those that are not begun the robots begin with ``tools``. None for a whole assembly.
     """
 
     choices: tuple[StepChoice, ...]
     taken: Mapping[int, str] = field(default_factory=dict, hash=False)
     present: frozenset[str] = frozenset()
+    tools: Mapping[str, str] = field(default_factory=dict, hash=False)
+    left: frozenset[int] | None = None
 
     def __getitem__(self, step: int) -> StepChoice:
         """Return the choice of a step, counted from 1."""
         if not 1 <= step <= len(self.choices):
             raise IndexError(f"no step {step}; steps: 1 to {len(self.choices)}")
         return self.choices[step - 1]
+
+    def tools_before(self, step: int) -> dict[str, str]:
+        """Return the tools that robots have had put on before a step, by robot.
+
+        A step that is done again comes after later ones that are done: what these have put on is on.
+        """
+        found = dict(self.tools)
+        for choice in self.choices[: step - 1]:
+            if self.left is None or choice.step in self.left:
+                found |= dict(choice.tools)
+        return found
 
     def with_choice(self, choice: StepChoice) -> TaskPlan:
         """Return a plan with another choice for one step."""

@@ -130,7 +130,17 @@ def plan_onward(
     there = supplied_tasks_by_step(world)
     busy = _busy_until(cell, left, now.reopened)
     problem = fix_choices(work.problem, kept, world.out, busy)
-    plan = replace(assign_steps(problem), taken=now.taken, present=now.present)
+    plan = replace(
+        assign_steps(problem),
+        taken=now.taken,
+        present=now.present,
+        tools=_tools_on_robots(cell, world),
+        left=frozenset(
+            {item.step.step for item in left}
+            | ({choice.step for choice in now.task_plan.choices} - kept.keys())
+            | set(range(len(now.task_plan.choices) + 1, len(problem.steps) + 1))
+        ),
+    )
     assembly = replace(work, problem=problem)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
     gone = {task.robot for item in left if item.ends for task in item.tasks}
@@ -297,11 +307,24 @@ def _fresh(assembly: Assembly, step: int, brought: tuple[Task, ...]) -> _Item:
     return _Item(alternatives, step, whole)
 
 
+def _tools_on_robots(cell: Workcell, world: World) -> dict[str, str]:
+    """Return the exchangeable tool on each robot that has one on it."""
+    there = world.state.attachments
+    return {
+        robot.name: tool.name
+        for robot in cell.robots
+        for tool in robot.tools
+        if tool.name in there and there[tool.name].holder == robot.name
+    }
+
+
 def _remaining_tasks(
     assembly: Assembly, left: UnfinishedStep, plan: TaskPlan, first: int
 ) -> Iterator[tuple[TaskPlan, StepTasks]]:
     """Yield the rest of a step, among its current surroundings."""
-    yield plan, left.numbered(first, assembly.expand(plan, left.step.step, first))
+    # It was begun after all steps before it.
+    planned = replace(plan, tools={}, left=None)
+    yield plan, left.numbered(first, assembly.expand(planned, left.step.step, first))
 
 
 def _of_leftover(left: UnfinishedStep, now: ReplanningState) -> _Item:

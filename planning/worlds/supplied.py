@@ -163,7 +163,8 @@ class RemovalPlan:
         """Return a step in which only present objects leave the cell, and record their final poses."""
 
         def stays(h: Handling) -> bool:
-            return h.holder == Handling.GONE and h.object in self.given_up
+            away = self.given_up | self.removed.keys()
+            return h.holder == Handling.GONE and h.object in away
 
         tasks = tuple(
             replace(t, handlings=tuple(h for h in t.handlings if not stays(h)))

@@ -77,6 +77,12 @@ def _inspected() -> str:
     return text
 
 
+def _mix() -> str:
+    """Return the mix without its shifts, in which all that is rejected is driven again."""
+    text = (ROOT / "lines" / "mix.yaml").read_text("utf-8")
+    return text[: text.index("  calendar:")]
+
+
 _FEW_PLACES = {"counts": [1, 1], "pitch_m": [0.1, 0.1]}
 
 CELLS: dict[str, tuple[Callable[[], str], Values]] = {
@@ -130,6 +136,7 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
         {"assembly.products": {"count": 2, "spare": 1, "in_progress": 2}},
     ),
     "oven": (lambda: OVEN, {}),
+    "mix": (lambda: _mix(), {"assembly.products.count": 4, "machines": {}}),
     "truss": (lambda: _shipped("assembly/truss"), {}),
     "tower": (
         lambda: _shipped("construction/tower"),
