@@ -212,7 +212,7 @@ ANY = {
     "ElevationSection": "at depth", "RulesSection": "plinth", "ConstructionPartSection": "insertion colour",
     "ConstructionSection": "ground_m", "FixtureSection": "colour", "PartSection": "count centre_of_mass_m colour insert take_out",
     "ExploreSection": "prices deadline_s designs seconds replications finalists most_replications plans confidence efforts design_limit_s",
-    "VarySection": "low high", "GridSection": "counts pitch_m", "StackSection": "count pitch_m",
+    "VarySection": "low high", "GridSection": "counts pitch_m order", "StackSection": "count pitch_m",
     "GripSection": "positions end_margin_m directions steepest_deg tilts_deg around_deg",
     "PartGripSection": "positions end_margin_m directions steepest_deg tilts_deg around_deg",
     "PadSection": "offsets_m", "JoinedSection": "gap_m", "MoveSection": "to_deg to_rad_or_m",
@@ -221,7 +221,8 @@ ANY = {
     "RackSection": "xyz_m rpy_deg quat_wxyz", "RingSection": "centre_m start_deg", "RowsSection": "first_m columns pitch_m yaw_deg high",
     "SpiralSection": "growth_m turn_rad high", "TowerSection": "levels", "WallSection": "columns courses joint_m",
     "WellSection": "sides courses section_m joint_m", "PavilionSection": "arches chord_m thickness_m joint_m crown_deg",
-    "ProcessSection": "turn_deg turns", "StepSection": "turn_deg", "ProductsSection": "spare start_up",
+    "ProcessSection": "turn_deg turns", "StepSection": "turn_deg", "ProductsSection": "spare start_up seed in_progress",
+    "MachineSection": "capacity", "OrderSection": "priority", "VariantSection": "share",
     "OrderChange": "drop more", "RecoverySection": "shortcuts", "StepWindowSection": "steps least", "WindowsSection": "hold",
     "ClearanceSection": "contact_tolerance_m",
     # The mean of a whole distribution is compared.

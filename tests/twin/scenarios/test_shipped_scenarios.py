@@ -33,6 +33,7 @@ BOARD, GEARBOX, SHAPES = "assembly/taskboard", "assembly/gearbox", "assembly/sha
         pytest.param(BOARD, 0, 0, 1.0, marks=pytest.mark.nightly),
         pytest.param(GEARBOX, 0, 0, 1.0, marks=pytest.mark.nightly),
         pytest.param(SHAPES, 0, 500, 1.0, marks=pytest.mark.nightly),
+        pytest.param("lines/mix", 10_000, 20_000, 0.8, marks=pytest.mark.nightly),
     ],
 )
 def test_a_plan_is_proved_safe_and_its_run_clean(
