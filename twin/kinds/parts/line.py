@@ -512,7 +512,6 @@ class _Writer:
             update["at"] = step.at.model_copy(update={"pose": place, "grid": None})
         return step.model_copy(update=update)
 
-
     def _turn(self, step: StepSection, product: int) -> int:
         """Return how often something is put down at the grid of a step before, whatever part that is."""
         uses = {
