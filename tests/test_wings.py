@@ -9,8 +9,6 @@ import pytest
 from tests.scripts import script
 
 HOUSE = script("house")
-BY_DAY = ("judge",)
-"""Wings that are deleted by day, too: one that nothing needs."""
 
 
 @pytest.fixture(scope="module")
@@ -18,14 +16,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("wings")
 
 
-@pytest.mark.expensive
-@pytest.mark.parametrize(
-    "wing",
-    [
-        pytest.param(wing, marks=() if wing in BY_DAY else pytest.mark.nightly)
-        for wing in HOUSE.wings()
-    ],
-)
+@pytest.mark.nightly
+@pytest.mark.parametrize("wing", HOUSE.wings())
 def test_the_rest_runs_without_a_wing(wing: str, folder: Path) -> None:
     assert HOUSE.fault_without(wing, folder) == ""
 

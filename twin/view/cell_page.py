@@ -77,9 +77,10 @@ class CellPage:
             self._player.start()
 
     def close(self) -> None:
-        """End playback and server."""
+        """End playback, checks and server."""
         with self._lock:
             self._stop_playing()
+        self._checks.stop()
         self._viser.stop()
 
     def _stop_playing(self) -> None:

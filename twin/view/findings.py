@@ -35,7 +35,9 @@ class FindingsThread:
     """
 
     def __init__(self, publish: Callable[[Findings], None]) -> None:
-        self._publish = publish
+        self._publish_now = publish
+        self._publishing = threading.Lock()
+        self._over = threading.Event()
         self._newest: LoadedScenario | None = None
         self._wake = threading.Condition()
         threading.Thread(target=self._check, daemon=True).start()
@@ -46,10 +48,24 @@ class FindingsThread:
             self._newest = scenario
             self._wake.notify()
 
+    def stop(self) -> None:
+        """End the thread after its current check, of which nothing is published any more."""
+        with self._publishing:
+            self._over.set()
+        with self._wake:
+            self._wake.notify()
+
+    def _publish(self, found: Findings) -> None:
+        with self._publishing:
+            if not self._over.is_set():
+                self._publish_now(found)
+
     def _check(self) -> None:
-        while True:
+        while not self._over.is_set():
             with self._wake:
                 while self._newest is None:
+                    if self._over.is_set():
+                        return
                     self._wake.wait()
                 scenario, self._newest = self._newest, None
             try:

@@ -162,6 +162,7 @@ def test_answers_are_named_so_they_are_the_same_again(plan: PlanResult) -> None:
     assert 80 <= sum(ask is not None and ask.helps for ask in helped) <= 160
 
 
+@pytest.mark.nightly
 def test_the_program_asks_audits_and_resumes(plan: PlanResult, tmp_path: Path) -> None:
     settings = asking()
     seed = seed_that_asks(plan, **settings)

@@ -88,6 +88,7 @@ def test_without_failures_it_is_the_run(plan: PlanResult, hold: float) -> None:
     require_windows(done)
 
 
+@pytest.mark.nightly
 @settings(max_examples=2, deadline=None)
 @given(
     seed=st.integers(0, 10_000),

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import RequestError
@@ -94,10 +94,11 @@ VALUES = st.one_of(
     st.sampled_from(["on", "1e3", "a: b", "ok", "# no", "", "null", "é\n"]),
     st.integers(-5, 5),
 )
-SHIPPED = sorted(shipped_scenarios().values())
+SHORT = sorted(p for p in shipped_scenarios().values() if p.stat().st_size < 6000)
 
 
-@given(st.sampled_from(SHIPPED), st.data(), VALUES)
+@settings(max_examples=60)
+@given(st.sampled_from(SHORT), st.data(), VALUES)
 def test_any_value_of_any_scenario(file: Path, data: st.DataObject, value: Any) -> None:
     text = file.read_text()
     expected = content(text)
