@@ -100,10 +100,6 @@ class FailureTriage:
                 reopened[task.step] = frozenset({task.robot})
                 how = fate or "is left where it is"
                 how = "has not come yet" if failure.missing else how
-                if task.object and self.ledger.lost(task.object) in self.ledger.gone:
-                    # Another one needs what was done to this one.
-                    again = self._processes_done(tpg, trigger, task)
-                    reopened |= {work.step: frozenset[str]() for work in again}
                 words.append(f"step {task.step} is begun anew: {task.object} {how}")
             elif said.then == "scrap":
                 self.ledger.give_up(task.step, f"{task.object} is scrapped")
@@ -148,28 +144,18 @@ class FailureTriage:
         Those done to its part since that was last handled, or the named ones, apart from abandoned steps.
         """
         named = self._said(task).named
-        own = [t for t in tpg.tasks if t.object == task.object and t.step < task.step]
-        came = [t.step for t in own if t.handlings or t.kind in TaskKind.HANDLING]
-        since = max(came, default=0)
-        return [
-            work
-            for work in self._processes_done(tpg, trigger, task)
-            if work.step > since and (not named or self.is_named(work.step, named))
-        ]
-
-    def _processes_done(
-        self, tpg: TemporalPlanGraph, trigger: ReplanTrigger, task: Task
-    ) -> list[Task]:
-        """Return the complete processes at the part of a task in earlier steps, by step, without abandoned ones."""
         clock, counts = trigger.clock, trigger.released
         if clock is not None:
             counts = tuple(map(len, clock.ended_s))
         done = complete_tasks(tpg, counts)
+        own = [t for t in tpg.tasks if t.object == task.object and t.step < task.step]
+        came = [t.step for t in own if t.handlings or t.kind in TaskKind.HANDLING]
+        since = max(came, default=0)
         works = {
             t.step: t
-            for t in tpg.tasks
-            if t.object == task.object and t.step < task.step
-            if t.kind not in _NO_PROCESS and t.index in done
+            for t in own
+            if t.step > since and t.kind not in _NO_PROCESS and t.index in done
+            if not named or self.is_named(t.step, named)
         }
         return [works[k] for k in sorted(works.keys() - self.ledger.undone)]
 
