@@ -166,7 +166,7 @@ class _TableBuilder:
     def finish(
         self, waits: Iterable[tuple[Task, Task]], steps: int
     ) -> tuple[PredictionTables, Volumes]:
-        """Return the arrays, with waits between so many steps: the second of two tasks waits for the first."""
+        """Return the arrays, with waits between the steps: the second of two tasks waits for the first."""
         kinds, columns = self._kinds, self._columns
         waiting: list[set[tuple[int, int]]] = [set() for _ in range(steps * len(kinds))]
         for a, b in waits:

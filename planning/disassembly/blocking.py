@@ -1,4 +1,4 @@
-"""Which bodies are in the way of which others along a direction, and contacts between them.
+"""Which bodies block which others along a direction, and contacts between them.
 
 A body that leaves along a direction, however far, meets another one if and only if that one is somewhere farther along
 the direction than it: on a common line. So it is enough to compare the rear faces of the one with the front faces
@@ -49,7 +49,7 @@ _MOST_SEEN = 6_000_000
 
 
 class Blocking:
-    """Bodies of a finished assembly, with different names, and which are in the way of which others.
+    """Bodies of a finished assembly, with different names, and which ones block which others.
 
     Raises:
         ShapeError: a surface cannot be used, or two bodies overlap too deeply.

@@ -94,7 +94,7 @@ def _joined(boxes: Array, size: int) -> Array:
 def greatest_rise(lower: TriangleView, upper: TriangleView, room: float) -> float:
     """Return by how much one view rises above another, no less, where they are no farther apart than some room [m].
 
-    Triangles count as the boxes around them, which is exact for triangles of one height. 0 if it is nowhere higher.
+    Triangles count as the boxes around them, which is exact for triangles of one height. 0 where it is not higher.
     """
     return float(_compare(lower, upper, room, np.inf, False, np.empty((0, 4))))
 

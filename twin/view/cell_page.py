@@ -1,4 +1,4 @@
-"""The page of a cell: its scene, the run that is played, and the panels beside it."""
+"""The page of a cell: its scene, the run that is played, and its panels."""
 
 from __future__ import annotations
 

@@ -15,13 +15,10 @@ from planning.transforms import Array, Transform, from_quat_wxyz
 from twin.activities.activities import IDLE, WAITING, robot_activities
 from twin.drawing.lane_colours import plan_colours
 from twin.durations.nanoseconds import NANOSECONDS
+from twin.recorders.run_tables import FLANGE, WORLD
 from twin.rerun.plan_descriptions import PlanDescriptions
 from twin.runs.trajectory import Placement
 from twin.trial.run_result import RunResult
-
-_WORLD = "world"
-"""Parent of objects at rest in the table of objects."""
-
 
 _SAME_S = 1e-6
 """Times that differ by less are the same [s]."""
@@ -44,12 +41,12 @@ class RunPlayback:
         self._placements: defaultdict[str, list[Placement]] = defaultdict(list)
         for row in run.objects.to_pylist():
             parent = str(row["parent"])
-            holder = parent.removesuffix("/flange")
+            holder = parent.removesuffix(f"/{FLANGE}")
             self._placements[row["object"]].append(
                 Placement(
                     round(row["t_s"] * NANOSECONDS),
                     row["object"],
-                    None if parent == _WORLD else holder,
+                    None if parent == WORLD else holder,
                     from_quat_wxyz(row["xyz"], row["quat_wxyz"]),
                 )
             )
