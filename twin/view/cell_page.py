@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import viser
 
 from planning.errors import TwinError
+from planning.transforms import Transform
+from twin.document.yaml_text import KeyPath
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
@@ -64,7 +67,7 @@ class CellPage:
         self._show_cell()
         self._look_at_cell()
         self._build_panel()
-        self._checks.check(scenario)
+        self._checks.check(lambda: scenario)
         if run is not None:
             self.play(run)
 
@@ -123,7 +126,11 @@ class CellPage:
         if self._editor is not None:
             with tabs.add_tab("Arrange"):
                 self._arrange = ArrangePanel(
-                    self._viser, self._editor, self._scene, self._guarded
+                    self._viser,
+                    self._editor,
+                    self._scene,
+                    self._guarded,
+                    self._moving,
                 )
         with tabs.add_tab("Findings"):
             self._findings = gui.add_markdown("the cell is being checked")
@@ -135,7 +142,7 @@ class CellPage:
                 CommandPanel(gui, self._editor, self._guarded, self.play)
 
     def _look_at_cell(self) -> None:
-        scene, camera = self._viser.scene, self._viser.initial_camera
+        scene = self._viser.scene
         scene.set_up_direction("+z")
         middle, size, floor = self._scene.extent()
         step = 0.1 if size < _FINE_GRID_M else 1.0
@@ -147,8 +154,14 @@ class CellPage:
             cell_size=step,
             position=(middle[0], middle[1], floor - 0.002),
         )
-        camera.position = middle + size * np.array(_VIEWED_FROM)
-        camera.look_at = middle
+
+        def look(client: viser.ClientHandle) -> None:
+            """Look from so far away that the cell is seen on a narrow page, too."""
+            away = size * max(1.0, 1.0 / max(client.camera.aspect, 0.2))
+            client.camera.position = middle + away * np.array(_VIEWED_FROM)
+            client.camera.look_at = middle
+
+        self._viser.on_client_connect(look)
 
     def _clicked(self, body: str) -> None:
         if self._arrange is not None:
@@ -172,8 +185,16 @@ class CellPage:
                 self._findings.content = words
             else:
                 self._guarded(self._show_cell)
-                self._checks.check(self._scenario)
+                scenario = self._scenario
+                self._checks.check(lambda: scenario)
             self._arrange.show()
+
+    def _moving(self, at: KeyPath, pose: Transform) -> None:
+        """Check the cell as it would be with a pose at a key."""
+        editor = self._editor
+        if editor is not None and not editor.problems:
+            text = editor.moved(at, pose)
+            self._checks.check(lambda: editor.parsed(text), moving=True)
 
     def _show_findings(self, found: Findings) -> None:
         if self._editor is not None and self._editor.problems:

@@ -97,7 +97,7 @@ def picture(figure: Figure, name: str) -> str:
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     svg = out.getvalue()
     sizes = [
-        text.get_fontsize()
+        float(text.get_fontsize())
         for text in figure.findobj(Text)
         if isinstance(text, Text) and text.get_text().strip() and text.get_visible()
     ]
