@@ -26,8 +26,14 @@ from twin.view.player import SPEEDS, Player
 from twin.view.run_playback import RunPlayback
 from twin.view.server import ViewServer
 
-_VIEWED_FROM = (0.7, -1.1, 0.7)
+_VIEWED_FROM = (0.55, -0.9, 0.6)
 """Position of the camera from the middle of the cell, in sizes of the cell."""
+
+_GRID_COLOUR = (140, 140, 140)
+"""Seen on light and on dark pages, and no brighter than the cell."""
+
+_PANEL_PX = 320
+"""Width of the panel beside the scene."""
 
 _FINE_GRID_M = 5.0
 """Cells up to this size stand on a grid of 0.1 m, others on one of 1 m."""
@@ -152,12 +158,18 @@ class CellPage:
             width=side,
             height=side,
             cell_size=step,
+            cell_color=_GRID_COLOUR,
+            section_color=_GRID_COLOUR,
             position=(middle[0], middle[1], floor - 0.002),
         )
 
         def look(client: viser.ClientHandle) -> None:
             """Look from so far away that the cell is seen on a narrow page, too."""
-            away = size * max(1.0, 1.0 / max(client.camera.aspect, 0.2))
+            wide, high = (
+                client.camera.image_width - _PANEL_PX,
+                client.camera.image_height,
+            )
+            away = size * max(1.0, 0.8 * high / max(wide, 0.2 * high, 1))
             client.camera.position = middle + away * np.array(_VIEWED_FROM)
             client.camera.look_at = middle
 

@@ -25,6 +25,9 @@ _AT_FAULT: Colour = (214, 39, 40)
 _OPACITY = 0.28
 """Opacity of doors and shells of reach."""
 
+_FLOOR_M = 5.0
+"""Fixtures that are larger are floors, which need not be seen as a whole."""
+
 _CONFIGURATIONS = 3000
 """Random configurations from which the reach of a robot is computed."""
 
@@ -79,12 +82,8 @@ class CellScene:
     def extent(self) -> tuple[Array, float, float]:
         """Return the middle of the cell, its size, and the height of its lowest corner [m]."""
         feet = [robot.base[:3, 3] for robot in self.robots.values()]
-        others = [
-            np.asarray(node.position)
-            for name, node in self._nodes.items()
-            if name.startswith(("/objects/", "/fixtures/"))
-        ]
-        points = np.array([*feet, *others])
+        boxes = [b for b in self._boxes.values() if np.ptp(b, axis=0).max() < _FLOOR_M]
+        points = np.vstack([*feet, *boxes])
         low, high = points.min(axis=0), points.max(axis=0)
         size = max(float(np.max(high - low)), 1.0)
         lowest = min((box[0, 2] for box in self._boxes.values()), default=0.0)
