@@ -29,9 +29,6 @@ from twin.view.server import ViewServer
 _VIEWED_FROM = (0.55, -0.9, 0.6)
 """Position of the camera from the middle of the cell, in sizes of the cell."""
 
-_GRID_COLOUR = (140, 140, 140)
-"""Seen on light and on dark pages, and no brighter than the cell."""
-
 _PANEL_PX = 320
 """Width of the panel beside the scene."""
 
@@ -158,8 +155,6 @@ class CellPage:
             width=side,
             height=side,
             cell_size=step,
-            cell_color=_GRID_COLOUR,
-            section_color=_GRID_COLOUR,
             position=(middle[0], middle[1], floor - 0.002),
         )
 
@@ -205,8 +200,9 @@ class CellPage:
         """Check the cell as it would be with a pose at a key."""
         editor = self._editor
         if editor is not None and not editor.problems:
-            text = editor.moved(at, pose)
-            self._checks.check(lambda: editor.parsed(text), moving=True)
+            self._checks.check(
+                lambda: editor.parsed(editor.moved(at, pose)), moving=True
+            )
 
     def _show_findings(self, found: Findings) -> None:
         if self._editor is not None and self._editor.problems:

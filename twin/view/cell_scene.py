@@ -101,24 +101,19 @@ class CellScene:
         return np.array([placed.min(axis=0), placed.max(axis=0)])
 
     def snapped(
-        self, body: str, pose: Transform, goals: Mapping[str, Transform]
+        self, body: str, pose: Transform, poses: Mapping[str, Transform]
     ) -> Transform:
         """Return a pose of a body at which it touches what it nearly touches; see ``contact_shift``.
 
-        Args:
-            body: such as ``fixtures/tray``; a goal touches other goals in place of objects at their start.
-            pose: where it would be.
-            goals: poses of all goals by their bodies.
+        A goal touches other goals, of which the poses are given by their bodies, and no objects at their start.
         """
-        goal = body.startswith("goals/")
+        boxes = self._boxes | {f"/{own}": self.box(own, poses[own]) for own in poses}
+        left_out = "/objects/" if body.startswith("goals/") else "/goals/"
         others = [
-            box
-            for name, box in self._boxes.items()
-            if name != f"/{body}" and not (goal and name.startswith("/objects/"))
+            own
+            for name, own in boxes.items()
+            if own is not None and name != f"/{body}" and not name.startswith(left_out)
         ]
-        for name, own in goals.items() if goal else ():
-            if name != body and (box := self.box(name, own)) is not None:
-                others.append(box)
         box, out = self.box(body, pose), pose.copy()
         if box is not None and others:
             out[:3, 3] += contact_shift(box, np.array(others))
@@ -138,13 +133,10 @@ class CellScene:
         elif f"/{body}" in self._nodes:
             self._place(f"/{body}", pose)
 
-    def hide_goal(self) -> None:
-        """Show no object at its goal."""
+    def show_goal(self, body: str, pose: Transform) -> None:
+        """Show a translucent object at its goal, such as ``goals/brick``, and no other one; of other bodies none."""
         for name in [own for own in self._nodes if own.startswith("/goals/")]:
             self._nodes.pop(name).remove()
-
-    def show_goal(self, body: str, pose: Transform) -> None:
-        """Show a translucent object at its goal, such as ``goals/brick``, nothing for other bodies."""
         whole = self._nodes.get(f"/{body.replace('goals/', 'objects/')}")
         if body.startswith("goals/") and isinstance(whole, viser.MeshHandle):
             self._nodes[f"/{body}"] = self._scene.add_mesh_simple(
