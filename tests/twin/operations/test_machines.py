@@ -13,7 +13,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import twin
-from planning.tasks.task import STILL, Handling, Task, TaskKind
+from planning.tasks.assembly import Disposal
+from planning.tasks.task import STILL, Handling, StepTasks, Task, TaskKind
 from planning.transforms import translation
 from planning.worlds.supplied import REMOVAL, RemovalPlan
 from planning.worlds.world import World
@@ -240,6 +241,44 @@ def test_what_comes_up_waits_for_what_an_earlier_plan_had_taken_from_there() -> 
         )
     scrap = RemovalPlan(cast(World, None), (), frozenset())
     assert [*scrap.waits(tasks)] == [(3, 7)]
+
+
+@given(
+    st.permutations(["pin", "lid", "pin of another"]),
+    st.sets(st.sampled_from(["pin", "lid"])),
+    st.sets(st.sampled_from(["pin", "lid", "pin of another"])),
+    st.booleans(),
+)
+def test_a_product_leaves_after_what_is_on_it_was_taken_away(
+    order: list[str], rejected: set[str], by_person: set[str], before: bool
+) -> None:
+    """Robots or a person take rejected parts, in this plan or in one before."""
+    gone = {
+        name: Handling(name, 1, Handling.GONE, translation(0.1 * k, 0.0, 0.1))
+        for k, name in enumerate(("plate", *order))
+    }
+    tasks = [
+        Task(k, REMOVAL, TaskKind.TAKEN_OUT, 9, name, STILL, (gone[name],), name)
+        if name in by_person
+        else Task(k, "arm", "pick", 9, name, STILL, (), name)
+        for k, name in enumerate(order)
+        if name in rejected | {"pin of another"}
+    ]
+    takes = {str(task.object): task.index for task in tasks}
+    scrap = RemovalPlan(
+        cast(World, None),
+        (),
+        frozenset(),
+        {k: Disposal(k, name, None) for k, name in enumerate(rejected)},
+        {} if before else {name: takes[name] for name in rejected},
+    )
+    parts = tuple(gone[name] for name in ("plate", "pin", "lid"))
+    leave = Task(9, "cart", TaskKind.LEAVE, 9, "leaves", STILL, parts)
+    (left,) = scrap.without_absent_objects(StepTasks(9, (leave,), (), ())).tasks
+    assert {h.object for h in left.handlings} == {"plate", "pin", "lid"} - rejected
+    later = replace(tasks[-1], index=10, object="pin")
+    waits = {(a, b) for a, b in scrap.waits([*tasks, left, later]) if b == 9}
+    assert waits == {(takes[name], 9) for name in rejected}
 
 
 @pytest.mark.nightly
