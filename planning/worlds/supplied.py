@@ -88,7 +88,7 @@ class RemovalPlan:
         rejected: rejected parts, by the number of the given-up step.
         removed: those that are removed in the plan, with the task that takes them.
         lies: current poses of objects that the plan has moved; None for those in a hand or gone.
-        leaves: absent objects, with the tasks in which their products leave without them.
+        leaves: absent objects, with the tasks in which their products leave without them, and their places there.
     """
 
     world: World
@@ -97,7 +97,7 @@ class RemovalPlan:
     rejected: Mapping[int, Disposal] = field(default_factory=dict)
     removed: dict[str, int] = field(default_factory=dict)
     lies: dict[str, Transform | None] = field(default_factory=dict)
-    leaves: dict[str, int] = field(default_factory=dict)
+    leaves: dict[str, tuple[int, Transform]] = field(default_factory=dict)
 
     def of_step(
         self,
@@ -172,7 +172,8 @@ class RemovalPlan:
             return h.holder == Handling.GONE and h.object in away
 
         for t in filter(brings_parts, step.tasks):
-            self.leaves |= {h.object: t.index for h in t.handlings if stays(h)}
+            absent = filter(stays, t.handlings)
+            self.leaves |= {h.object: (t.index, h.pose) for h in absent}
         tasks = tuple(
             replace(t, handlings=tuple(h for h in t.handlings if not stays(h)))
             if brings_parts(t)
@@ -187,10 +188,14 @@ class RemovalPlan:
         """Yield the dependencies of removals: what precedes them, deliveries to the freed places, and departures."""
         tasks = tuple(tasks)
         # What is on a product is taken off, by whichever plan, before that leaves.
-        for task in tasks:
-            leave = self.leaves.get(task.object or "", -1)
-            if task.kind in ("pick", TaskKind.TAKEN_OUT) and task.index < leave:
-                yield task.index, leave
+        lies: dict[str, Transform] = {}
+        for task in sorted(tasks, key=lambda task: task.index):
+            for h in (h for h in task.handlings if h.object in self.leaves):
+                index, place = self.leaves[h.object]
+                if h.holder is None:
+                    lies[h.object] = h.pose
+                elif task.index < index and np.allclose(lies.get(h.object, 0), place):
+                    yield task.index, index
         for task in tasks:
             for name, index in self.removed.items():
                 about = task.object == name or any(
