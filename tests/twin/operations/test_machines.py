@@ -260,7 +260,7 @@ def test_a_product_leaves_after_what_is_on_it_was_taken_away(
     """Robots or a person take rejected parts, on it or elsewhere, in this plan or in one before."""
     goals = {name: translation(0.1 * k, 0.0, 0.1) for k, name in enumerate(order)}
     away = [name for name in order if name in rejected | {"pin of another"}]
-    tasks, takes = [], {}
+    tasks, takes = list[Task](), dict[str, int]()
     for name in away:
         at = goals[name] if name in placed else translation(0.0, 1.0, 0.1)
         put = (Handling(name, 1, None, at),)
