@@ -24,6 +24,12 @@ _AT_FAULT: Colour = (214, 39, 40)
 _OPACITY = 0.28
 """Opacity of doors and shells of reach."""
 
+_VIEWED_FROM = (0.7, -1.1, 0.7)
+"""Position of the camera from the middle of the cell, in sizes of the cell."""
+
+_FINE_GRID_M = 5.0
+"""Cells up to this size stand on a grid of 0.1 m, others on one of 1 m."""
+
 _CONFIGURATIONS = 3000
 """Random configurations from which the reach of a robot is computed."""
 
@@ -44,6 +50,7 @@ class CellScene:
         self._scene, self._clicked = scene, clicked
         self._nodes: dict[str, viser.MeshHandle | viser.GlbHandle] = {}
         self._looks: dict[str, object] = {}
+        self._poses: dict[str, Transform] = {}
         self._colours: dict[str, Colour] = {}
         self._lowest: dict[str, float] = {}
         self._shells: list[viser.SceneNodeHandle] = []
@@ -67,9 +74,14 @@ class CellScene:
             if item.kind == DOOR and isinstance(node, viser.MeshHandle):
                 node.opacity = _OPACITY
         for name in set(self._nodes) - there:
-            self._nodes.pop(name).remove()
-            self._looks.pop(name, None)
+            self._remove(name)
         self.robots = {robot.name: robot for robot in cell.robots}
+
+    @property
+    def bodies(self) -> list[str]:
+        """All robots and objects, such as ``robots/left``."""
+        objects = [name[1:] for name in self._nodes if name.startswith("/objects/")]
+        return [*(f"robots/{name}" for name in self.robots), *objects]
 
     def extent(self) -> tuple[Array, float, float]:
         """Return the middle of the cell, its size, and the height of its lowest corner [m]."""
@@ -109,6 +121,21 @@ class CellScene:
             if item in poses:
                 self._place(name, poses[item])
 
+    def look(self, server: viser.ViserServer) -> None:
+        """Put a grid below the cell, and look at it."""
+        middle, size, floor = self.extent()
+        server.scene.set_up_direction("+z")
+        side = np.ceil(4.0 * size)
+        server.scene.add_grid(
+            "/grid",
+            width=side,
+            height=side,
+            cell_size=0.1 if size < _FINE_GRID_M else 1.0,
+            position=(middle[0], middle[1], floor - 0.002),
+        )
+        server.initial_camera.position = middle + size * np.array(_VIEWED_FROM)
+        server.initial_camera.look_at = middle
+
     def mark(self, bodies: set[str]) -> None:
         """Colour the fixtures and objects that are at fault, and no others."""
         for name, own in self._colours.items():
@@ -141,18 +168,17 @@ class CellScene:
     def _show_robot(self, robot: PlacedRobot, colour: str) -> set[str]:
         looks = (robot.model.urdf, colour)
         figure = self.figures.get(robot.name)
-        if figure is None or self._looks.get(robot.name) != looks:
+        group = f"/robots/{robot.name}"
+        if figure is None or self._looks.get(group) != looks:
             figure = self.figures[robot.name] = RobotFigure(robot, colour)
-            self._looks[robot.name] = looks
             for joint, mesh in figure.meshes.items():
-                name = f"/robots/{robot.name}/{joint}"
-                if name in self._nodes:
-                    self._nodes[name].remove()
+                self._remove(name := f"{group}/{joint}")
                 self._nodes[name] = self._scene.add_mesh_trimesh(name, mesh)
                 self._listen(name, f"robots/{robot.name}")
+            self._looks[group] = looks
         figure.base = robot.base
         self.move_robot(robot.name, robot.home)
-        return {f"/robots/{robot.name}/{joint}" for joint in figure.meshes}
+        return {f"{group}/{joint}" for joint in figure.meshes}
 
     def _show_body(
         self, name: str, shape: Shape, colour: Colour, pose: Transform
@@ -160,8 +186,7 @@ class CellScene:
         drawn = triangles_of(shape)
         looks = (drawn.vertices.tobytes(), drawn.faces.tobytes(), colour)
         if self._looks.get(name) != looks:
-            if name in self._nodes:
-                self._nodes[name].remove()
+            self._remove(name)
             self._looks[name], self._colours[name] = looks, colour
             self._nodes[name] = self._scene.add_mesh_simple(
                 name,
@@ -174,17 +199,22 @@ class CellScene:
         self._lowest[name] = float((drawn.vertices @ pose[2, :3]).min() + pose[2, 3])
         self._place(name, pose)
 
+    def _remove(self, name: str) -> None:
+        """Remove a node where there is one; of a robot, its other nodes are drawn again with it."""
+        if name in self._nodes:
+            self._nodes.pop(name).remove()
+        for key in (name, name.rpartition("/")[0]):
+            self._poses.pop(key, None)
+            self._looks.pop(key, None)
+
     def _listen(self, node: str, body: str) -> None:
         self._nodes[node].on_click(lambda _: self._clicked(body))
 
     def _place(self, name: str, pose: Transform) -> None:
         """Set the pose of a node, unless it has it."""
-        node = self._nodes[name]
-        at, turn = pose[:3, 3], quat_wxyz(pose)
-        if not np.array_equal(node.position, at):
-            node.position = at
-        if not np.array_equal(node.wxyz, turn):
-            node.wxyz = turn
+        if name not in self._poses or not np.array_equal(self._poses[name], pose):
+            self._poses[name], node = pose, self._nodes[name]
+            node.position, node.wxyz = pose[:3, 3], quat_wxyz(pose)
 
 
 def _reach_shell(robot: PlacedRobot) -> tuple[Array, Indices]:
@@ -193,6 +223,11 @@ def _reach_shell(robot: PlacedRobot) -> tuple[Array, Indices]:
     q = np.random.default_rng(0).uniform(
         model.lower, model.upper, (_CONFIGURATIONS, model.dof)
     )
-    frame = "tool" if "tool" in model.frames else "flange"
-    hull = ConvexHull(np.array([frame_pose(robot, own, frame)[:3, 3] for own in q]))
+    hull = ConvexHull(np.array([tool_pose(robot, own)[:3, 3] for own in q]))
     return hull.points, hull.simplices.astype(np.int64)
+
+
+def tool_pose(robot: PlacedRobot, q: Array) -> Transform:
+    """Return the world pose of a robot's tool frame; of its flange, where it has none."""
+    frame = "tool" if "tool" in robot.model.frames else "flange"
+    return frame_pose(robot, q, frame)
