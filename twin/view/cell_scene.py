@@ -28,7 +28,7 @@ _OPACITY = 0.28
 _VIEWED_FROM = (0.55, -0.9, 0.6)
 """Position of the camera from the middle of the cell, in sizes of the cell."""
 
-_GRID_COLOUR = (140, 140, 140)
+_GRID_COLOUR = (165, 165, 165)
 """Seen on light and on dark pages, and no brighter than the cell."""
 
 _PANEL_PX = 320
