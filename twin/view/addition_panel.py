@@ -68,37 +68,36 @@ class AdditionPanel:
         """Yield what a button adds: keys and entries; a part with its step and, from a source, with that."""
         name, (wide, deep, high) = self._name.value, self._size.value
         x, y, z = self._top().tolist()
+        pose = {"xyz_m": [x, y, z + 0.5 * high]}
+        source = f"{name}_{kind.lower()}"
         if kind == "Robot":
             base = {"xyz_m": [x, y, z]}
-            entry = {"name": name, "model": self._model.value, "base": base}
-            yield ("cell", "robots"), entry
-            return
-        shaped: dict[str, Any] = {"name": name}
+            robot = {"name": name, "model": self._model.value, "base": base}
+            yield ("cell", "robots"), robot
+        elif kind == "Fixture":
+            yield ("cell", "fixtures"), {"name": name, **self._shaped(), "pose": pose}
+        else:
+            goal = {"xyz_m": [x, y + 2.0 * _TRAY[1] * deep, z + 0.5 * high]}
+            origin = {"start": pose} if kind == "Part" else {"source": source}
+            part = {"name": name, **self._shaped(), **origin, "goal": goal}
+            yield ("assembly", "parts"), part
+            yield ("assembly", "steps"), name
+        if kind in ("Feeder", "Tray"):
+            pitch = [2.0 * wide, 2.0 * deep]
+            grid = {"grid": {"counts": _TRAY, "pitch_m": pitch}}
+            entry = {"name": source, "kind": kind.lower(), "pose": pose}
+            yield ("assembly", "sources"), entry | (grid if kind == "Tray" else {})
+
+    def _shaped(self) -> dict[str, Any]:
+        """Return the keys of the chosen shape."""
+        wide, deep, high = self._size.value
         if self._shape.value == _BOX:
-            shaped["size_m"] = [wide, deep, high]
-        elif self._shape.value == _CYLINDER:
-            round_one = {"radius_m": 0.5 * wide, "length_m": high}
-            shaped["shape"] = {"cylinder": round_one}
-        else:
-            # Without a scale, meshes that are too large for metres are refused.
-            scale = {"scale": 0.001} if self._unit.value == _MM else {}
-            shaped["shape"] = {"mesh": self._shape.value, **scale}
-        pose = {"xyz_m": [x, y, z + 0.5 * high]}
-        if kind == "Fixture":
-            yield ("cell", "fixtures"), {**shaped, "pose": pose}
-            return
-        source: dict[str, Any] = {"kind": kind.lower(), "pose": pose}
-        if kind == "Tray":
-            grid = {"counts": _TRAY, "pitch_m": [2.0 * wide, 2.0 * deep]}
-            source["grid"] = grid
-        if kind == "Part":
-            shaped["start"] = pose
-        else:
-            shaped["source"] = source["name"] = f"{name}_{kind.lower()}"
-            yield ("assembly", "sources"), source
-        goal = {"xyz_m": [x, y + 2.0 * _TRAY[1] * deep, z + 0.5 * high]}
-        yield ("assembly", "parts"), {**shaped, "goal": goal}
-        yield ("assembly", "steps"), name
+            return {"size_m": [wide, deep, high]}
+        if self._shape.value == _CYLINDER:
+            return {"shape": {"cylinder": {"radius_m": 0.5 * wide, "length_m": high}}}
+        # Without a scale, meshes that are too large for metres are refused.
+        scale = {"scale": 0.001} if self._unit.value == _MM else {}
+        return {"shape": {"mesh": self._shape.value, **scale}}
 
 
 def _files(folder: Path, suffixes: tuple[str, ...]) -> list[str]:
