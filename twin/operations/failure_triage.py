@@ -5,7 +5,7 @@ The possible decisions are to retry the skill, to restart its step, to ask a per
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -50,6 +50,11 @@ _NO_PROCESS = (
     ),
     *(TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL, TaskKind.TAKEN_OUT),
 )
+
+
+def processes(tasks: Iterable[Task]) -> Iterator[Task]:
+    """Yield the processes among tasks."""
+    return (task for task in tasks if task.kind not in _NO_PROCESS)
 
 
 class ObjectOutcome(StrEnum):
@@ -153,8 +158,8 @@ class FailureTriage:
         since = max(came, default=0)
         works = {
             t.step: t
-            for t in own
-            if t.step > since and t.kind not in _NO_PROCESS and t.index in done
+            for t in processes(own)
+            if t.step > since and t.index in done
             if not named or self.is_named(t.step, named)
         }
         return [works[k] for k in sorted(works.keys() - self.ledger.undone)]
