@@ -201,7 +201,8 @@ class FailureTriage:
     ) -> Handling | None:
         """Return the measured pose of a displaced part; None where it cannot be used there."""
         name = str(task.object)
-        lay = self.ledger.measured.get(name, tpg.cell.object(name).start)
+        planned = self.ledger.lost(name)
+        lay = self.ledger.measured.get(planned, tpg.cell.object(name).start)
         offset = self.section.failures[task.kind].offset
         far, around, turned = (self._draw(task, "offset", k) for k in range(3))
         angle = 2.0 * np.pi * around
@@ -218,7 +219,7 @@ class FailureTriage:
             check_invariant(DerivedTpg(there))
         except PlanInvariantError:
             return None
-        poses = {**self.ledger.measured, name: pose}
+        poses = {**self.ledger.measured, planned: pose}
         return found if self.allows(poses) else None
 
     def _object_changes(
@@ -246,7 +247,7 @@ class FailureTriage:
         words = fate.value
         if fate is ObjectOutcome.BESIDE and task.step not in self.ledger.rejected:
             if found := self._displacement(tpg, trigger, failure, task):
-                self.ledger.measured[name] = found.pose
+                self.ledger.measured[self.ledger.lost(name)] = found.pose
                 return (found,), _displacement_text(at.pose, found.pose)
             words = f"{words}, where nobody can pick it"
         self.ledger.gone.add(self.ledger.lost(name))
