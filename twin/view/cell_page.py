@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import viser
 
 from planning.errors import TwinError
+from planning.transforms import Transform
+from twin.document.yaml_text import KeyPath
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
@@ -23,8 +26,14 @@ from twin.view.player import SPEEDS, Player
 from twin.view.run_playback import RunPlayback
 from twin.view.server import ViewServer
 
-_VIEWED_FROM = (0.7, -1.1, 0.7)
+_VIEWED_FROM = (0.55, -0.9, 0.6)
 """Position of the camera from the middle of the cell, in sizes of the cell."""
+
+_GRID_COLOUR = (140, 140, 140)
+"""Seen on light and on dark pages, and no brighter than the cell."""
+
+_PANEL_PX = 320
+"""Width of the panel beside the scene."""
 
 _FINE_GRID_M = 5.0
 """Cells up to this size stand on a grid of 0.1 m, others on one of 1 m."""
@@ -64,7 +73,7 @@ class CellPage:
         self._show_cell()
         self._look_at_cell()
         self._build_panel()
-        self._checks.check(scenario)
+        self._checks.check(lambda: scenario)
         if run is not None:
             self.play(run)
 
@@ -123,7 +132,11 @@ class CellPage:
         if self._editor is not None:
             with tabs.add_tab("Arrange"):
                 self._arrange = ArrangePanel(
-                    self._viser, self._editor, self._scene, self._guarded
+                    self._viser,
+                    self._editor,
+                    self._scene,
+                    self._guarded,
+                    self._moving,
                 )
         with tabs.add_tab("Findings"):
             self._findings = gui.add_markdown("the cell is being checked")
@@ -135,7 +148,7 @@ class CellPage:
                 CommandPanel(gui, self._editor, self._guarded, self.play)
 
     def _look_at_cell(self) -> None:
-        scene, camera = self._viser.scene, self._viser.initial_camera
+        scene = self._viser.scene
         scene.set_up_direction("+z")
         middle, size, floor = self._scene.extent()
         step = 0.1 if size < _FINE_GRID_M else 1.0
@@ -145,10 +158,22 @@ class CellPage:
             width=side,
             height=side,
             cell_size=step,
+            cell_color=_GRID_COLOUR,
+            section_color=_GRID_COLOUR,
             position=(middle[0], middle[1], floor - 0.002),
         )
-        camera.position = middle + size * np.array(_VIEWED_FROM)
-        camera.look_at = middle
+
+        def look(client: viser.ClientHandle) -> None:
+            """Look from so far away that the cell is seen on a narrow page, too."""
+            wide, high = (
+                client.camera.image_width - _PANEL_PX,
+                client.camera.image_height,
+            )
+            away = size * max(1.0, 0.8 * high / max(wide, 0.2 * high, 1))
+            client.camera.position = middle + away * np.array(_VIEWED_FROM)
+            client.camera.look_at = middle
+
+        self._viser.on_client_connect(look)
 
     def _clicked(self, body: str) -> None:
         if self._arrange is not None:
@@ -172,8 +197,16 @@ class CellPage:
                 self._findings.content = words
             else:
                 self._guarded(self._show_cell)
-                self._checks.check(self._scenario)
+                scenario = self._scenario
+                self._checks.check(lambda: scenario)
             self._arrange.show()
+
+    def _moving(self, at: KeyPath, pose: Transform) -> None:
+        """Check the cell as it would be with a pose at a key."""
+        editor = self._editor
+        if editor is not None and not editor.problems:
+            text = editor.moved(at, pose)
+            self._checks.check(lambda: editor.parsed(text), moving=True)
 
     def _show_findings(self, found: Findings) -> None:
         if self._editor is not None and self._editor.problems:

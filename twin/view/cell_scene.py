@@ -16,6 +16,7 @@ from planning.transforms import Array, Indices, Transform, quat_wxyz
 from twin.drawing.looks import coloured_fixtures
 from twin.drawing.team_colours import parse_rgb, team_colours
 from twin.drawing.triangles import triangles_of
+from twin.view.contact_snap import contact_shift
 from twin.view.robot_figure import RobotFigure
 
 Colour = tuple[int, int, int]
@@ -23,6 +24,9 @@ Colour = tuple[int, int, int]
 _AT_FAULT: Colour = (214, 39, 40)
 _OPACITY = 0.28
 """Opacity of doors and shells of reach."""
+
+_FLOOR_M = 5.0
+"""Fixtures that are larger are floors, which need not be seen as a whole."""
 
 _CONFIGURATIONS = 3000
 """Random configurations from which the reach of a robot is computed."""
@@ -45,7 +49,8 @@ class CellScene:
         self._nodes: dict[str, viser.MeshHandle | viser.GlbHandle] = {}
         self._looks: dict[str, object] = {}
         self._colours: dict[str, Colour] = {}
-        self._lowest: dict[str, float] = {}
+        self._vertices: dict[str, Array] = {}
+        self._boxes: dict[str, Array] = {}
         self._shells: list[viser.SceneNodeHandle] = []
         self.figures: dict[str, RobotFigure] = {}
         self.robots: dict[str, PlacedRobot] = {}
@@ -63,26 +68,61 @@ class CellScene:
             there.add(name := f"/objects/{item.name}")
             self._show_body(name, item.shape, item.colour, item.start)
             self._nodes[name].visible = not item.later
+            if item.later:
+                del self._boxes[name]
             node = self._nodes[name]
             if item.kind == DOOR and isinstance(node, viser.MeshHandle):
                 node.opacity = _OPACITY
         for name in set(self._nodes) - there:
             self._nodes.pop(name).remove()
-            self._looks.pop(name, None)
+            for own in (self._looks, self._vertices, self._boxes):
+                own.pop(name, None)
         self.robots = {robot.name: robot for robot in cell.robots}
 
     def extent(self) -> tuple[Array, float, float]:
         """Return the middle of the cell, its size, and the height of its lowest corner [m]."""
         feet = [robot.base[:3, 3] for robot in self.robots.values()]
-        others = [
-            np.asarray(node.position)
-            for name, node in self._nodes.items()
-            if name.startswith(("/objects/", "/fixtures/"))
-        ]
-        points = np.array([*feet, *others])
+        boxes = [b for b in self._boxes.values() if np.ptp(b, axis=0).max() < _FLOOR_M]
+        points = np.vstack([*feet, *boxes])
         low, high = points.min(axis=0), points.max(axis=0)
         size = max(float(np.max(high - low)), 1.0)
-        return 0.5 * (low + high), size, min(self._lowest.values(), default=0.0)
+        lowest = min((box[0, 2] for box in self._boxes.values()), default=0.0)
+        return 0.5 * (low + high), size, float(lowest)
+
+    def box(self, body: str, pose: Transform) -> Array | None:
+        """Return the corners of the upright box around a body at a pose, shape (2, 3) [m]; None without a body.
+
+        That of a robot is around what does not move, that of a goal around its object.
+        """
+        vertices = self._vertices.get(f"/{body.replace('goals/', 'objects/')}")
+        if vertices is None:
+            return None
+        placed = vertices @ pose[:3, :3].T + pose[:3, 3]
+        return np.array([placed.min(axis=0), placed.max(axis=0)])
+
+    def snapped(
+        self, body: str, pose: Transform, goals: Mapping[str, Transform]
+    ) -> Transform:
+        """Return a pose of a body at which it touches what it nearly touches; see ``contact_shift``.
+
+        Args:
+            body: such as ``fixtures/tray``; a goal touches other goals in place of objects at their start.
+            pose: where it would be.
+            goals: poses of all goals by their bodies.
+        """
+        goal = body.startswith("goals/")
+        others = [
+            box
+            for name, box in self._boxes.items()
+            if name != f"/{body}" and not (goal and name.startswith("/objects/"))
+        ]
+        for name, own in goals.items() if goal else ():
+            if name != body and (box := self.box(name, own)) is not None:
+                others.append(box)
+        box, out = self.box(body, pose), pose.copy()
+        if box is not None and others:
+            out[:3, 3] += contact_shift(box, np.array(others))
+        return out
 
     def move_robot(self, robot: str, q: Array) -> None:
         """Show a robot at a configuration, shape (n,) [rad or m]."""
@@ -96,6 +136,24 @@ class CellScene:
             self.figures[name].base = pose
             self.move_robot(name, self.robots[name].home)
         elif f"/{body}" in self._nodes:
+            self._place(f"/{body}", pose)
+
+    def hide_goal(self) -> None:
+        """Show no object at its goal."""
+        for name in [own for own in self._nodes if own.startswith("/goals/")]:
+            self._nodes.pop(name).remove()
+
+    def show_goal(self, body: str, pose: Transform) -> None:
+        """Show a translucent object at its goal, such as ``goals/brick``, nothing for other bodies."""
+        whole = self._nodes.get(f"/{body.replace('goals/', 'objects/')}")
+        if body.startswith("goals/") and isinstance(whole, viser.MeshHandle):
+            self._nodes[f"/{body}"] = self._scene.add_mesh_simple(
+                f"/{body}",
+                whole.vertices,
+                whole.faces,
+                color=whole.color,
+                opacity=2 * _OPACITY,
+            )
             self._place(f"/{body}", pose)
 
     def move_objects(self, poses: Mapping[str, Transform]) -> None:
@@ -150,7 +208,10 @@ class CellScene:
                     self._nodes[name].remove()
                 self._nodes[name] = self._scene.add_mesh_trimesh(name, mesh)
                 self._listen(name, f"robots/{robot.name}")
+            if 0 in figure.meshes:
+                self._vertices[f"/robots/{robot.name}"] = figure.meshes[0].vertices
         figure.base = robot.base
+        self._bound(f"/robots/{robot.name}", robot.base)
         self.move_robot(robot.name, robot.home)
         return {f"/robots/{robot.name}/{joint}" for joint in figure.meshes}
 
@@ -170,9 +231,15 @@ class CellScene:
                 color=colour,
                 flat_shading=True,
             )
+            self._vertices[name] = drawn.vertices
             self._listen(name, name[1:])
-        self._lowest[name] = float((drawn.vertices @ pose[2, :3]).min() + pose[2, 3])
+        self._bound(name, pose)
         self._place(name, pose)
+
+    def _bound(self, name: str, pose: Transform) -> None:
+        """Keep the box around a body, for others to touch."""
+        if (box := self.box(name[1:], pose)) is not None:
+            self._boxes[name] = box
 
     def _listen(self, node: str, body: str) -> None:
         self._nodes[node].on_click(lambda _: self._clicked(body))
