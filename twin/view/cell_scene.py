@@ -25,6 +25,18 @@ _AT_FAULT: Colour = (214, 39, 40)
 _OPACITY = 0.28
 """Opacity of doors and shells of reach."""
 
+_VIEWED_FROM = (0.55, -0.9, 0.6)
+"""Position of the camera from the middle of the cell, in sizes of the cell."""
+
+_GRID_COLOUR = (140, 140, 140)
+"""Seen on light and on dark pages, and no brighter than the cell."""
+
+_PANEL_PX = 320
+"""Width of the panel beside the scene."""
+
+_FINE_GRID_M = 5.0
+"""Cells up to this size stand on a grid of 0.1 m, others on one of 1 m."""
+
 _FLOOR_M = 5.0
 """Fixtures that are larger are floors, which need not be seen as a whole."""
 
@@ -48,6 +60,7 @@ class CellScene:
         self._scene, self._clicked = scene, clicked
         self._nodes: dict[str, viser.MeshHandle | viser.GlbHandle] = {}
         self._looks: dict[str, object] = {}
+        self._poses: dict[str, Transform] = {}
         self._colours: dict[str, Colour] = {}
         self._vertices: dict[str, Array] = {}
         self._boxes: dict[str, Array] = {}
@@ -74,10 +87,16 @@ class CellScene:
             if item.kind == DOOR and isinstance(node, viser.MeshHandle):
                 node.opacity = _OPACITY
         for name in set(self._nodes) - there:
-            self._nodes.pop(name).remove()
-            for own in (self._looks, self._vertices, self._boxes):
+            self._remove(name)
+            for own in (self._vertices, self._boxes):
                 own.pop(name, None)
         self.robots = {robot.name: robot for robot in cell.robots}
+
+    @property
+    def bodies(self) -> list[str]:
+        """All robots and objects, such as ``robots/left``."""
+        objects = [name[1:] for name in self._nodes if name.startswith("/objects/")]
+        return [*(f"robots/{name}" for name in self.robots), *objects]
 
     def extent(self) -> tuple[Array, float, float]:
         """Return the middle of the cell, its size, and the height of its lowest corner [m]."""
@@ -167,6 +186,31 @@ class CellScene:
             if item in poses:
                 self._place(name, poses[item])
 
+    def look(self, server: viser.ViserServer) -> None:
+        """Put a grid below the cell, and have all pages look at it."""
+        middle, size, floor = self.extent()
+        server.scene.set_up_direction("+z")
+        side = np.ceil(4.0 * size)
+        server.scene.add_grid(
+            "/grid",
+            width=side,
+            height=side,
+            cell_size=0.1 if size < _FINE_GRID_M else 1.0,
+            cell_color=_GRID_COLOUR,
+            section_color=_GRID_COLOUR,
+            position=(middle[0], middle[1], floor - 0.002),
+        )
+
+        def look_from(client: viser.ClientHandle) -> None:
+            """Look from so far away that the cell is seen on a narrow page, too."""
+            camera = client.camera
+            wide, high = camera.image_width - _PANEL_PX, camera.image_height
+            away = size * max(1.0, 0.8 * high / max(wide, 0.2 * high, 1))
+            camera.position = middle + away * np.array(_VIEWED_FROM)
+            camera.look_at = middle
+
+        server.on_client_connect(look_from)
+
     def mark(self, bodies: set[str]) -> None:
         """Colour the fixtures and objects that are at fault, and no others."""
         for name, own in self._colours.items():
@@ -199,21 +243,20 @@ class CellScene:
     def _show_robot(self, robot: PlacedRobot, colour: str) -> set[str]:
         looks = (robot.model.urdf, colour)
         figure = self.figures.get(robot.name)
-        if figure is None or self._looks.get(robot.name) != looks:
+        group = f"/robots/{robot.name}"
+        if figure is None or self._looks.get(group) != looks:
             figure = self.figures[robot.name] = RobotFigure(robot, colour)
-            self._looks[robot.name] = looks
             for joint, mesh in figure.meshes.items():
-                name = f"/robots/{robot.name}/{joint}"
-                if name in self._nodes:
-                    self._nodes[name].remove()
+                self._remove(name := f"{group}/{joint}")
                 self._nodes[name] = self._scene.add_mesh_trimesh(name, mesh)
                 self._listen(name, f"robots/{robot.name}")
             if 0 in figure.meshes:
-                self._vertices[f"/robots/{robot.name}"] = figure.meshes[0].vertices
+                self._vertices[group] = figure.meshes[0].vertices
+            self._looks[group] = looks
         figure.base = robot.base
         self._bound(f"/robots/{robot.name}", robot.base)
         self.move_robot(robot.name, robot.home)
-        return {f"/robots/{robot.name}/{joint}" for joint in figure.meshes}
+        return {f"{group}/{joint}" for joint in figure.meshes}
 
     def _show_body(
         self, name: str, shape: Shape, colour: Colour, pose: Transform
@@ -221,8 +264,7 @@ class CellScene:
         drawn = triangles_of(shape)
         looks = (drawn.vertices.tobytes(), drawn.faces.tobytes(), colour)
         if self._looks.get(name) != looks:
-            if name in self._nodes:
-                self._nodes[name].remove()
+            self._remove(name)
             self._looks[name], self._colours[name] = looks, colour
             self._nodes[name] = self._scene.add_mesh_simple(
                 name,
@@ -241,17 +283,22 @@ class CellScene:
         if (box := self.box(name[1:], pose)) is not None:
             self._boxes[name] = box
 
+    def _remove(self, name: str) -> None:
+        """Remove a node where there is one; of a robot, its other nodes are drawn again with it."""
+        if name in self._nodes:
+            self._nodes.pop(name).remove()
+        for key in (name, name.rpartition("/")[0]):
+            self._poses.pop(key, None)
+            self._looks.pop(key, None)
+
     def _listen(self, node: str, body: str) -> None:
         self._nodes[node].on_click(lambda _: self._clicked(body))
 
     def _place(self, name: str, pose: Transform) -> None:
         """Set the pose of a node, unless it has it."""
-        node = self._nodes[name]
-        at, turn = pose[:3, 3], quat_wxyz(pose)
-        if not np.array_equal(node.position, at):
-            node.position = at
-        if not np.array_equal(node.wxyz, turn):
-            node.wxyz = turn
+        if name not in self._poses or not np.array_equal(self._poses[name], pose):
+            self._poses[name], node = pose, self._nodes[name]
+            node.position, node.wxyz = pose[:3, 3], quat_wxyz(pose)
 
 
 def _reach_shell(robot: PlacedRobot) -> tuple[Array, Indices]:
@@ -260,6 +307,11 @@ def _reach_shell(robot: PlacedRobot) -> tuple[Array, Indices]:
     q = np.random.default_rng(0).uniform(
         model.lower, model.upper, (_CONFIGURATIONS, model.dof)
     )
-    frame = "tool" if "tool" in model.frames else "flange"
-    hull = ConvexHull(np.array([frame_pose(robot, own, frame)[:3, 3] for own in q]))
+    hull = ConvexHull(np.array([tool_pose(robot, own)[:3, 3] for own in q]))
     return hull.points, hull.simplices.astype(np.int64)
+
+
+def tool_pose(robot: PlacedRobot, q: Array) -> Transform:
+    """Return the world pose of a robot's tool frame; of its flange, where it has none."""
+    frame = "tool" if "tool" in robot.model.frames else "flange"
+    return frame_pose(robot, q, frame)
