@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from planning.errors import TwinError
+from planning.transforms import Transform
+from twin.document.yaml_text import KeyPath
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
@@ -61,7 +63,7 @@ class CellPage:
         self._show_cell()
         self._scene.look(self._viser)
         self._build_panel(about)
-        self._checks.check(scenario)
+        self._checks.check(lambda: scenario)
         if run is not None:
             self.play(run)
 
@@ -123,7 +125,11 @@ class CellPage:
         if self._editor is not None:
             with tabs.add_tab("Arrange"):
                 self._arrange = ArrangePanel(
-                    self._viser, self._editor, self._scene, self._guarded
+                    self._viser,
+                    self._editor,
+                    self._scene,
+                    self._guarded,
+                    self._moving,
                 )
         with tabs.add_tab("Findings"):
             self._findings = gui.add_markdown("the cell is being checked")
@@ -155,8 +161,16 @@ class CellPage:
                 self._findings.content = words
             else:
                 self._guarded(self._show_cell)
-                self._checks.check(self._scenario)
+                scenario = self._scenario
+                self._checks.check(lambda: scenario)
             self._arrange.show()
+
+    def _moving(self, at: KeyPath, pose: Transform) -> None:
+        """Check the cell as it would be with a pose at a key."""
+        editor = self._editor
+        if editor is not None and not editor.problems:
+            text = editor.moved(at, pose)
+            self._checks.check(lambda: editor.parsed(text), moving=True)
 
     def _show_findings(self, found: Findings) -> None:
         if self._editor is not None and self._editor.problems:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import twin
+from tests.browser import WAIT_MS, opened_page, playwright
 from twin.scenario.shipped import shipped_scenarios
 from twin.view.api import cell_page
 from twin.view.cell_page import CellPage
@@ -18,40 +19,17 @@ from twin.view.cell_scene import tool_pose
 
 pytestmark = [pytest.mark.nightly, pytest.mark.timeout(900)]
 
-playwright = pytest.importorskip("playwright.sync_api")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-if CHROMIUM is None:
-    pytest.skip("there is no Chromium", allow_module_level=True)
-
-RENDERS_IN_SOFTWARE = (
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-)
-WAIT_MS = 120_000
-
 
 @contextmanager
 def opened(path: Path, port: int) -> Iterator[tuple[Any, Any, CellPage]]:
     """Yield the page of a path in the browser, the frame of its scene, and what serves it."""
     shown = cell_page(path, port=port)
     try:
-        with playwright.sync_playwright() as own:
-            browser = own.chromium.launch(
-                executable_path=CHROMIUM, args=list(RENDERS_IN_SOFTWARE)
-            )
-            page = browser.new_page(viewport={"width": 1200, "height": 800})
-            page.set_default_timeout(WAIT_MS)
-            wrong: list[str] = []
-            page.on("pageerror", lambda error: wrong.append(str(error)))
-            page.goto(shown.server.address)
+        size = {"width": 1200, "height": 800}
+        with opened_page(shown.server.address, viewport=size) as page:
             frame = page.frame_locator("#scene")
             frame.get_by_role("tab", name="Findings").wait_for()
             yield page, frame, shown
-            assert wrong == []
-            browser.close()
     finally:
         shown.close()
 
