@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
 from twin.runs.execution_record import ExecutionRecord
+from twin.uncertainty.chain_draws import Standstills
 from twin.uncertainty.stop import StopCode
 
 _BRINGING = (TaskKind.ARRIVE, TaskKind.PRESENT, TaskKind.BROUGHT)
@@ -99,6 +100,22 @@ class WorkerTimes:
         )
 
 
+class WorkerNodes(NamedTuple):
+    """Nodes of a graph as far as the times of workers depend on them; nodes are numbered through all chains.
+
+    Attributes:
+        setup: whether a node is setup, shape (nodes,).
+        target, first: nodes with edges into them and the first edge of each, shape (targets,).
+        source, state: source of each edge, by target, and what waiting for it is, by STATES, shape (edges,).
+    """
+
+    setup: npt.NDArray[np.bool_]
+    target: Indices
+    first: Indices
+    source: Indices
+    state: npt.NDArray[np.int8]
+
+
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[int, ...]:
     """Return the chains of robots, and then of machines that work at parts; people who take parts away are none."""
     machines = tpg.machine_chains()
@@ -127,16 +144,20 @@ def run_worker_times(
             if of_cause is not None:
                 of_cause[offset + own.node] += own.duration_ns
         offset += len(chain)
-    stood = np.concatenate(run.stood_ns) - again
+    stood = np.concatenate(run.stood_ns) - again - down
     starts, ends = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
-    starts, ends, stood, down = (own[:, None] for own in (starts, ends, stood, down))
+    nodes, one = np.arange(len(stood)), np.zeros_like(stood)
+    known = (
+        Standstills("breakdown", nodes, one, down),
+        Standstills("stall", nodes, one, stood),
+    )
     clocks = [run.pace(k).own for k in range(len(tpg.chains))]
-    found = worker_times(tpg, starts, ends, stood, down, clocks)
+    found = worker_times(tpg, starts[:, None], ends[:, None], known, clocks)
     for place, k in enumerate(worker_chains(tpg)):
-        known = run.stopped_by_code_ns[k] if run.stopped_by_code_ns else {}
-        for code, lasts in known.items():
+        by_code = run.stopped_by_code_ns[k] if run.stopped_by_code_ns else {}
+        for code, lasts in by_code.items():
             found.state_ns[place, _INDEX[_STATE_OF_STOP[code]]] += lasts
-        left = run.stopped_ns(k, run.makespan_ns) - sum(known.values())
+        left = run.stopped_ns(k, run.makespan_ns) - sum(by_code.values())
         found.state_ns[place, _INDEX[State.STOPPED]] += left
     if not names:
         return found
@@ -155,9 +176,9 @@ def worker_times(
     tpg: TemporalPlanGraph,
     start_ns: Nanoseconds,
     end_ns: Nanoseconds,
-    stood_ns: Nanoseconds,
-    down_ns: Nanoseconds,
+    standstills: Sequence[Standstills],
     clocks: Sequence[Callable[[Nanoseconds], Nanoseconds]] = (),
+    known: WorkerNodes | None = None,
 ) -> WorkerTimes:
     """Return the times of replications that were executed as planned.
 
@@ -167,14 +188,16 @@ def worker_times(
     Args:
         tpg: the executed plan, contracted or not.
         start_ns, end_ns: of every node through all chains, shape (nodes, replications) [ns].
-        stood_ns: standstills in each node, without failed attempts, of the same shape [ns].
-        down_ns: those of them that are breakdowns [ns].
+        standstills: of the nodes, which are numbered through all chains.
         clocks: of each chain, from the time of the run to its own, which halts during stops; none without stops.
+        known: nodes of the graph, if they are known.
     """
+    known = known or worker_nodes(tpg)
     workers, total = worker_chains(tpg), end_ns.max(axis=0, initial=0)
+    standstills = [own for own in standstills if own.cause != "retry"]
     first, machines = np.cumsum([0, *map(len, tpg.chains)]), tpg.working_machines()
-    targets, latest, state = _binding_edges(tpg, first, end_ns)
-    setup, never = _setup_nodes(tpg), np.zeros_like(total)
+    (latest, state), targets = _binding_edges(known, end_ns), known.target
+    setup, never = known.setup, np.zeros_like(total)
     found = np.zeros((len(workers), len(STATES), len(total)), dtype=np.int64)
     planned = np.zeros((len(workers), 1), dtype=np.int64)
     for place, k in enumerate(workers):
@@ -195,8 +218,16 @@ def worker_times(
             here = state[edges] == _INDEX[cause]
             spent[cause] = np.where(here, wait, 0).sum(axis=0)
         spent[State.BLOCKED] = spent[State.BLOCKED] + _sum(own(taken)) - _sum(own(done))
-        stands, broken = _sum(stood_ns[rows]), _sum(down_ns[rows])
-        changes = _sum(own(done[sets]) - own(begun[sets]) - stood_ns[rows][sets])
+        stands, broken, still = (np.zeros_like(total) for _ in range(3))
+        for group in standstills:
+            mine = (group.node >= first[k]) & (group.node < first[k + 1])
+            for which, into in (
+                (mine, stands),
+                (mine & (group.cause == "breakdown"), broken),
+                (mine & setup[group.node], still),
+            ):
+                np.add.at(into, group.column[which], group.duration_ns[which])
+        changes = _sum(own(done[sets]) - own(begun[sets])) - still
         work = _sum(own(done)) - _sum(own(begun)) - stands
         spent[State.SETUP] = spent[State.SETUP] + changes
         spent[State.WORKING] = work - changes
@@ -211,10 +242,9 @@ def _sum(values: Nanoseconds) -> Nanoseconds:
     return np.asarray(values.sum(axis=0), dtype=np.int64)
 
 
-def _binding_edges(
-    tpg: TemporalPlanGraph, first: Indices, end_ns: Nanoseconds
-) -> tuple[Indices, Nanoseconds, Indices]:
-    """Return the nodes with edges into them, when the last source of each was complete, and what waiting for it is."""
+def worker_nodes(tpg: TemporalPlanGraph) -> WorkerNodes:
+    """Return what the times of workers depend on, of a graph that is contracted or not."""
+    first = np.cumsum([0, *map(len, tpg.chains)])
     a, m, b, n = tpg.edges.T
     target = first[b] + n
     order = np.argsort(target, kind="stable")
@@ -225,15 +255,32 @@ def _binding_edges(
     kinds[TaskKind.CHANGEOVER] = State.SETUP
     of_task = [_INDEX[kinds.get(t.kind, State.STARVED)] for t in tpg.tasks]
     conflict = tpg.cause[order] == MOTION_CONFLICT
-    of_edge = np.where(conflict, _INDEX[State.BLOCKED], np.array(of_task)[task[source]])
+    kind = np.array(of_task, dtype=np.int8)[task[source]]
+    of_edge = np.where(conflict, np.int8(_INDEX[State.BLOCKED]), kind)
     groups = np.flatnonzero(np.diff(target, prepend=-1))
-    counts, done = np.diff(groups, append=len(target)), end_ns[source]
-    if not len(groups):
-        return target, done, done
-    last = np.maximum.reduceat(done, groups, axis=0)
-    binds = done == np.repeat(last, counts, axis=0)
-    which = np.where(binds, of_edge[:, None], len(STATES))
-    return target[groups], last, np.minimum.reduceat(which, groups, axis=0)
+    setup = _setup_nodes(tpg)
+    return WorkerNodes(setup, target[groups], groups, source, of_edge)
+
+
+def _binding_edges(
+    known: WorkerNodes, end_ns: Nanoseconds
+) -> tuple[Nanoseconds, npt.NDArray[np.int8]]:
+    """Return when the last source of each node with edges was complete, and what waiting for it is."""
+    counts = np.diff(known.first, append=len(known.source))
+    last = end_ns[known.source[known.first]]
+    state = np.repeat(known.state[known.first, None], last.shape[1], axis=1)
+    # Of nodes with several edges all first ones, then all second ones, and so on.
+    several = [np.flatnonzero(counts > max(k, 1)) for k in range(counts.max(initial=0))]
+    for k, own in enumerate(several):
+        met = end_ns[known.source[known.first[own] + k]]
+        last[own] = np.maximum(last[own], met)
+        state[own] = len(STATES)
+    for k, own in enumerate(several):
+        edge = known.first[own] + k
+        binds = end_ns[known.source[edge]] == last[own]
+        better = np.minimum(state[own], known.state[edge, None])
+        state[own] = np.where(binds, better, state[own])
+    return last, state
 
 
 def _setup_nodes(tpg: TemporalPlanGraph) -> npt.NDArray[np.bool_]:

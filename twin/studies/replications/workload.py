@@ -18,10 +18,10 @@ import numpy.typing as npt
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.bulk.bulk_engine import BulkEngine
 from twin.bulk.max_plus import (
-    Completions,
+    CompletionSums,
     PrecedenceArrays,
-    explain_completions,
     policy_graph,
+    sum_completions,
 )
 from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.engine import Simulator
@@ -38,15 +38,24 @@ from twin.studies.replications.block_results import (
     block_result,
     empty_rows,
     joined_parts,
+    task_groups,
 )
 from twin.studies.replications.experiment import Block
 from twin.throughput.states import (
+    WorkerNodes,
     WorkerTimes,
     run_worker_times,
     worker_chains,
+    worker_nodes,
     worker_times,
 )
-from twin.throughput.throughput import ProductTimes, product_times, run_product_times
+from twin.throughput.throughput import (
+    ProductNodes,
+    ProductTimes,
+    product_nodes,
+    product_times,
+    run_product_times,
+)
 
 LineTimes = tuple[ProductTimes, WorkerTimes]
 """Times of the products and workers of a line in some replications."""
@@ -138,12 +147,15 @@ class Engines:
         rows = self._rows(block, "bulk")
         times = bulk.sample(seed=load.seed, replications=rows.replication)
         whole, tpg = times.completing(), bulk.contraction.tpg
-        found, parts = bulk.execute(whole), list[LineTimes]()
-        line = self._line(tpg)
-        if (made := product_times(line, found.start_ns, found.end_ns)) is not None:
-            stood = whole.stood_ns() - whole.stood_ns("retry")
-            standing = stood, whole.stood_ns("breakdown")
-            spent = worker_times(tpg, found.start_ns, found.end_ns, *standing)
+        first, parts = task_groups(tpg).first, list[LineTimes]()
+        found = sum_completions(bulk.graph, first, *bulk.node_times(whole))
+        if self._line_nodes is not None:
+            line, products, workers = self._line_nodes
+            ran = found.start_ns, found.end_ns
+            made = product_times(line, *ran, nodes=products)
+            assert made is not None
+            stands = bulk.standstills(whole)
+            spent = worker_times(line, *ran, stands, known=workers)
             parts.append((made, spent))
         for place in np.flatnonzero(times.fails).tolist():
             self._by_event(rows, place, parts)
@@ -159,8 +171,9 @@ class Engines:
             [-1 if run is None else run.replication for run in runs],
             [run.replication for run in done],
         )
-        found = explain_completions(
+        found = sum_completions(
             self._node_graph,
+            task_groups(self.workload.tpg).first,
             _columns([run.start_ns for run in done], len(self._node_graph.order)),
             _columns([run.end_ns for run in done], len(self._node_graph.order)),
         )
@@ -178,7 +191,7 @@ class Engines:
         block: Block,
         rows: ReplicationRows,
         well: npt.NDArray[np.bool_],
-        found: Completions,
+        found: CompletionSums,
         tpg: TemporalPlanGraph,
         parts: Sequence[LineTimes],
     ) -> BlockResult:
@@ -220,6 +233,13 @@ class Engines:
             return tpg
         section = self.workload.operated.scenario.assembly
         return with_products(tpg, assembly_kind(section).written_out(), ())
+
+    @cached_property
+    def _line_nodes(self) -> tuple[TemporalPlanGraph, ProductNodes, WorkerNodes] | None:
+        """The plan of the bulk engine, and its nodes of products and workers; None for one product."""
+        line = self._line(self._bulk.contraction.tpg)
+        products = product_nodes(line)
+        return None if products is None else (line, products, worker_nodes(line))
 
     @cached_property
     def _ordered(self) -> int:
@@ -286,7 +306,8 @@ class Engines:
             nodes = len(graph.order)
             times = _columns([run.start_ns], nodes), _columns([run.end_ns], nodes)
             which = np.arange(len(rows.outcome)) == place
-            rows.fill(which, explain_completions(graph, *times), tpg)
+            first = task_groups(tpg).first
+            rows.fill(which, sum_completions(graph, first, *times), tpg)
         return None
 
 
