@@ -141,9 +141,10 @@ class BulkEngine:
 
     def _drawn(self, times: SegmentTimes) -> DrawnTimes:
         """Return the times of nodes, replications one after another in memory, as they are simulated."""
-        rows = times.rows
+        rows, motion = times.rows, times.busy_ns
         if rows is None:
-            rows = np.arange(len(times.busy_ns))
+            rows = np.arange(len(motion))
+            motion = motion - times.stood_ns() if times.standstills else motion
         none = np.empty(0, dtype=np.int64)
         stands = [(none, none, none)]
         stands += [(own.column, own.node, own.duration_ns) for own in times.standstills]
@@ -152,7 +153,7 @@ class BulkEngine:
         return DrawnTimes(
             self._shares.fixed,
             rows,
-            np.ascontiguousarray(times.moved_ns().T),
+            np.ascontiguousarray(motion.T),
             np.searchsorted(column[order], np.arange(len(times.fails) + 1)),
             node[order],
             lasting[order],

@@ -235,14 +235,6 @@ def end_times(
     return _message_end_times(graph, busy, messages._replace(queue_depth=ahead), past)
 
 
-def completions(
-    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages = AT_ONCE
-) -> Completions:
-    """Return node times, waits and critical paths of every replication; see ``end_times``."""
-    end = end_times(graph, busy_ns, messages)
-    return explain_completions(graph, end - busy_ns, end)
-
-
 @kernel
 def _end_times(graph: PrecedenceArrays, busy: Nanoseconds) -> Nanoseconds:
     end = np.empty_like(busy)

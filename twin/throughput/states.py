@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -100,22 +100,6 @@ class WorkerTimes:
         )
 
 
-class WorkerNodes(NamedTuple):
-    """Nodes of a graph as far as the times of workers depend on them; nodes are numbered through all chains.
-
-    Attributes:
-        setup: whether a node is setup, shape (nodes,).
-        target, first: nodes with edges into them and the first edge of each, shape (targets,).
-        source, state: source of each edge, by target, and what waiting for it is, by STATES, shape (edges,).
-    """
-
-    setup: npt.NDArray[np.bool_]
-    target: Indices
-    first: Indices
-    source: Indices
-    state: npt.NDArray[np.int8]
-
-
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[int, ...]:
     """Return the chains of robots, and then of machines that work at parts; people who take parts away are none."""
     machines = tpg.machine_chains()
@@ -178,7 +162,6 @@ def worker_times(
     end_ns: Nanoseconds,
     standstills: Sequence[Standstills],
     clocks: Sequence[Callable[[Nanoseconds], Nanoseconds]] = (),
-    known: WorkerNodes | None = None,
 ) -> WorkerTimes:
     """Return the times of replications that were executed as planned.
 
@@ -190,14 +173,12 @@ def worker_times(
         start_ns, end_ns: of every node through all chains, shape (nodes, replications) [ns].
         standstills: of the nodes, which are numbered through all chains.
         clocks: of each chain, from the time of the run to its own, which halts during stops; none without stops.
-        known: nodes of the graph, if they are known.
     """
-    known = known or worker_nodes(tpg)
     workers, total = worker_chains(tpg), end_ns.max(axis=0, initial=0)
     standstills = [own for own in standstills if own.cause != "retry"]
     first, machines = np.cumsum([0, *map(len, tpg.chains)]), tpg.working_machines()
-    (latest, state), targets = _binding_edges(known, end_ns), known.target
-    setup, never = known.setup, np.zeros_like(total)
+    targets, latest, state = _binding_edges(tpg, first, end_ns)
+    setup, never = _setup_nodes(tpg), np.zeros_like(total)
     found = np.zeros((len(workers), len(STATES), len(total)), dtype=np.int64)
     planned = np.zeros((len(workers), 1), dtype=np.int64)
     for place, k in enumerate(workers):
@@ -242,9 +223,10 @@ def _sum(values: Nanoseconds) -> Nanoseconds:
     return np.asarray(values.sum(axis=0), dtype=np.int64)
 
 
-def worker_nodes(tpg: TemporalPlanGraph) -> WorkerNodes:
-    """Return what the times of workers depend on, of a graph that is contracted or not."""
-    first = np.cumsum([0, *map(len, tpg.chains)])
+def _binding_edges(
+    tpg: TemporalPlanGraph, first: Indices, end_ns: Nanoseconds
+) -> tuple[Indices, Nanoseconds, npt.NDArray[np.int8]]:
+    """Return the nodes with edges into them, when the last source of each was complete, and what waiting for it is."""
     a, m, b, n = tpg.edges.T
     target = first[b] + n
     order = np.argsort(target, kind="stable")
@@ -254,45 +236,36 @@ def worker_nodes(tpg: TemporalPlanGraph) -> WorkerNodes:
     kinds |= dict.fromkeys(_CLEARING, State.BLOCKED)
     kinds[TaskKind.CHANGEOVER] = State.SETUP
     of_task = [_INDEX[kinds.get(t.kind, State.STARVED)] for t in tpg.tasks]
-    conflict = tpg.cause[order] == MOTION_CONFLICT
-    kind = np.array(of_task, dtype=np.int8)[task[source]]
-    of_edge = np.where(conflict, np.int8(_INDEX[State.BLOCKED]), kind)
+    of_edge = np.array(of_task, dtype=np.int8)[task[source]]
+    of_edge[tpg.cause[order] == MOTION_CONFLICT] = _INDEX[State.BLOCKED]
     groups = np.flatnonzero(np.diff(target, prepend=-1))
-    setup = _setup_nodes(tpg)
-    return WorkerNodes(setup, target[groups], groups, source, of_edge)
-
-
-def _binding_edges(
-    known: WorkerNodes, end_ns: Nanoseconds
-) -> tuple[Nanoseconds, npt.NDArray[np.int8]]:
-    """Return when the last source of each node with edges was complete, and what waiting for it is."""
-    counts = np.diff(known.first, append=len(known.source))
-    last = end_ns[known.source[known.first]]
-    state = np.repeat(known.state[known.first, None], last.shape[1], axis=1)
+    counts, last = np.diff(groups, append=len(target)), end_ns[source[groups]]
+    state = np.repeat(of_edge[groups, None], last.shape[1], axis=1)
     # Of nodes with several edges all first ones, then all second ones, and so on.
     several = [np.flatnonzero(counts > max(k, 1)) for k in range(counts.max(initial=0))]
     for k, own in enumerate(several):
-        met = end_ns[known.source[known.first[own] + k]]
-        last[own] = np.maximum(last[own], met)
+        last[own] = np.maximum(last[own], end_ns[source[groups[own] + k]])
         state[own] = len(STATES)
     for k, own in enumerate(several):
-        edge = known.first[own] + k
-        binds = end_ns[known.source[edge]] == last[own]
-        better = np.minimum(state[own], known.state[edge, None])
+        edge = groups[own] + k
+        binds = end_ns[source[edge]] == last[own]
+        better = np.minimum(state[own], of_edge[edge, None])
         state[own] = np.where(binds, better, state[own])
-    return last, state
+    return target[groups], last, state
 
 
 def _setup_nodes(tpg: TemporalPlanGraph) -> npt.NDArray[np.bool_]:
     """Tell which nodes are changeovers, handle a tool at its rack or bring a robot there, shape (nodes,)."""
     tools = changed_tools(tpg.tasks)
+    changes = np.array(
+        [t.kind == TaskKind.CHANGEOVER or t.object in tools for t in tpg.tasks]
+    )
+    transits = np.array([t.kind == TaskKind.TRANSIT for t in tpg.tasks])
     found = []
     for chain in tpg.chains:
-        tasks = [tpg.tasks[k] for k in chain.task.tolist()]
-        changes = (task.kind == TaskKind.CHANGEOVER for task in tasks)
-        sets = [c or t.object in tools for c, t in zip(changes, tasks, strict=True)]
-        for n in range(len(tasks) - 2, -1, -1):
-            sets[n] |= sets[n + 1] and tasks[n].kind == TaskKind.TRANSIT
+        sets, ways = changes[chain.task].tolist(), transits[chain.task].tolist()
+        for n in range(len(sets) - 2, -1, -1):
+            sets[n] |= sets[n + 1] and ways[n]
         found.append(np.array(sets, dtype=np.bool_))
     return np.concatenate(found)
 

@@ -112,7 +112,6 @@ def product_times(
     end_ns: Nanoseconds,
     ordered: int = 0,
     scrapped: Collection[int] = (),
-    nodes: ProductNodes | None = None,
 ) -> ProductTimes | None:
     """Return the products of replications of a plan; None for fewer than two.
 
@@ -122,9 +121,8 @@ def product_times(
         ordered: number of products of the order, by default the greatest number of a product; further
             ones have places after those.
         scrapped: numbers of the products that were begun and are not complete.
-        nodes: of the products, if they are known.
     """
-    nodes = nodes or product_nodes(tpg)
+    nodes = product_nodes(tpg)
     if nodes is None:
         return None
     complete = set(nodes.products.tolist())

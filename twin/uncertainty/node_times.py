@@ -169,12 +169,6 @@ class SegmentTimes:
             self.rows,
         )
 
-    def moved_ns(self) -> Nanoseconds:
-        """Return the times of the segments in ``rows`` without standstills [ns]."""
-        if self.rows is not None or not self.standstills:
-            return self.busy_ns
-        return np.asarray(self.busy_ns - self.stood_ns())
-
     def stood_ns(self, cause: Cause | None = None) -> Nanoseconds:
         """Return the standstill time of each segment, for one cause or all, shaped as ``busy_ns`` [ns]."""
         stood = np.zeros_like(self.busy_ns)

@@ -198,8 +198,8 @@ class TaskGroups:
             found.critical,
             found.critical_edge,
             found.slack_ns,
-            np.ascontiguousarray(found.start_ns[:, kept][self.first].T),
-            np.ascontiguousarray(found.end_ns[:, kept][self.last].T),
+            found.start_ns.T[np.ix_(kept, self.first)],
+            found.end_ns.T[np.ix_(kept, self.last)],
         )
 
 

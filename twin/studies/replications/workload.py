@@ -42,20 +42,12 @@ from twin.studies.replications.block_results import (
 )
 from twin.studies.replications.experiment import Block
 from twin.throughput.states import (
-    WorkerNodes,
     WorkerTimes,
     run_worker_times,
     worker_chains,
-    worker_nodes,
     worker_times,
 )
-from twin.throughput.throughput import (
-    ProductNodes,
-    ProductTimes,
-    product_nodes,
-    product_times,
-    run_product_times,
-)
+from twin.throughput.throughput import ProductTimes, product_times, run_product_times
 
 LineTimes = tuple[ProductTimes, WorkerTimes]
 """Times of the products and workers of a line in some replications."""
@@ -70,6 +62,7 @@ class Workload:
         execution: execution model, with disturbances.
         seed: seed of the draws.
         reasons: why only the event engine can execute it; empty if both engines can.
+        bulk_until_ns: the bulk engine executes blocks of which all end before nevertheless [ns].
         made_from: hash of scenario, plan, policy, variant, files and versions, saved with the results of
             replications.
         free: the plan without holding back, executed with the same draws to be compared
@@ -84,6 +77,12 @@ class Workload:
     made_from: str = ""
     free: TemporalPlanGraph | None = None
     operated: OperatingWorkload | None = None
+    bulk_until_ns: int = 0
+
+    @property
+    def by_events(self) -> bool:
+        """Tell whether the event engine executes all replications."""
+        return bool(self.reasons) and self.bulk_until_ns == 0
 
 
 def pack_workload(workload: Workload) -> bytes:
@@ -133,7 +132,7 @@ class Engines:
         return Engines(replace(load, tpg=free, free=None, execution=model))
 
     def _compute(self, block: Block) -> BlockResult:
-        if self.workload.reasons:
+        if self.workload.by_events:
             return self._by_events(block)
         try:
             return self._in_bulk(block)
@@ -142,20 +141,18 @@ class Engines:
             return self._by_events(block)
 
     def _in_bulk(self, block: Block) -> BlockResult:
-        """Execute a block in bulk; replications with failed tasks by the event engine."""
+        """Execute a block in bulk; replications with failed tasks by the event engine, and all if some come to a stop."""
         load, bulk = self.workload, self._bulk
         rows = self._rows(block, "bulk")
         times = bulk.sample(seed=load.seed, replications=rows.replication)
         whole, tpg = times.completing(), bulk.contraction.tpg
+        ran = bulk.node_times(whole)
+        if load.reasons and ran[1].max(initial=0) >= load.bulk_until_ns:
+            return self._by_events(block)
         first, parts = task_groups(tpg).first, list[LineTimes]()
-        found = sum_completions(bulk.graph, first, *bulk.node_times(whole))
-        if self._line_nodes is not None:
-            line, products, workers = self._line_nodes
-            ran = found.start_ns, found.end_ns
-            made = product_times(line, *ran, nodes=products)
-            assert made is not None
-            stands = bulk.standstills(whole)
-            spent = worker_times(line, *ran, stands, known=workers)
+        found = sum_completions(bulk.graph, first, *ran)
+        if (made := product_times(self._line(tpg), *ran)) is not None:
+            spent = worker_times(tpg, *ran, bulk.standstills(whole))
             parts.append((made, spent))
         for place in np.flatnonzero(times.fails).tolist():
             self._by_event(rows, place, parts)
@@ -233,13 +230,6 @@ class Engines:
             return tpg
         section = self.workload.operated.scenario.assembly
         return with_products(tpg, assembly_kind(section).written_out(), ())
-
-    @cached_property
-    def _line_nodes(self) -> tuple[TemporalPlanGraph, ProductNodes, WorkerNodes] | None:
-        """The plan of the bulk engine, and its nodes of products and workers; None for one product."""
-        line = self._line(self._bulk.contraction.tpg)
-        products = product_nodes(line)
-        return None if products is None else (line, products, worker_nodes(line))
 
     @cached_property
     def _ordered(self) -> int:
