@@ -201,6 +201,26 @@ def puzzle() -> Any:
     return _assembly("puzzle", bodies)
 
 
+def flange() -> Any:
+    """Low rings on a post and a cover that is held by bolts with low hexagonal heads."""
+    from build123d import Box, Cylinder, Pos, RegularPolygon, extrude
+
+    base = Box(110, 70, 20) + Pos(-25, 0, 22) * Cylinder(9, 24)
+    cover = Pos(0, 0, 2) * Box(40, 50, 4)
+    for _, y in _corners(0, 18):
+        base -= Pos(30, y, 5) * Cylinder(2.5 + PLAY, 20)
+        cover -= Pos(0, y, 2) * Cylinder(2.5 + PLAY, 10)
+    ring = Cylinder(17, 6) - Cylinder(9 + PLAY, 20)
+    bolt = Pos(0, 0, -8) * Cylinder(2.5, 16) + extrude(RegularPolygon(5, 6), 4)
+    bodies = [
+        _body("base", base, (120, 130, 140), (0, 0, 10)),
+        *(_body("ring", ring, (88, 118, 152), (-25, 0, z)) for z in (23, 29)),
+        _body("cover", cover, (62, 140, 124), (30, 0, 20)),
+        *(_body("bolt", bolt, (70, 74, 82), (30, y, 24)) for y in (-18, 18)),
+    ]
+    return _assembly("flange", bodies)
+
+
 def interlocked() -> Any:
     """Two closed links of a chain on a plate, which come out of each other in no order."""
     from build123d import Box
@@ -279,6 +299,7 @@ ASSEMBLIES: Mapping[str, Callable[[], Any]] = {
     "stack": stack,
     "board": board,
     "puzzle": puzzle,
+    "flange": flange,
     "interlocked": interlocked,
 }
 """The assemblies by name; ``interlocked`` is one that cannot be put together."""

@@ -224,6 +224,8 @@ HOOKS = Group(
         "line": "twin.throughput.throughput:line_summary",
         "plan warnings": "twin.warnings.plan_warnings:plan_warnings",
         "driven cell": "twin.page.driven:DrivenCell",
+        "plan of a study": "twin.studies.best_plan:best_plan",
+        "design of an exploration": "twin.explorations.design_scenario:design_of",
         "design": "twin.explorations.designs:begin_named_design",
         "corners": "scheduling.corners.corners:round_corners",
         "synchronous plan": "scheduling.synchronous.synchronous_plan:plan_synchronous",

@@ -171,12 +171,14 @@ class ToolChanges:
                     mounted = Handling(tool.name, 0, robot.name, tool.mount)
                     build.stand(robot, f"with {tool.name}", mounted)
 
-    def change(self, build: StepWriter, robot: str, old: str, new: str) -> None:
-        """Write the tasks by which a robot leaves one tool and takes another."""
+    def change(self, build: StepWriter, robot: str, old: str | None, new: str) -> None:
+        """Write the tasks by which a robot leaves one tool, if any, and takes another."""
         for name, kind, verb in (
             (old, TaskKind.LEAVE_TOOL, "leave"),
             (new, TaskKind.TAKE_TOOL, "take"),
         ):
+            if name is None:
+                continue
             rack = self.paths[robot, name]
             path, stop = rack.path, rack.path.path[-1:]
             holder, pose = (
@@ -191,7 +193,9 @@ class ToolChanges:
             build.allow(rack.contacts, into, done, out)
         build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}")
 
-    def allow_mounted(self, build: StepWriter, mounted: Mapping[str, str]) -> None:
+    def allow_mounted(
+        self, build: StepWriter, mounted: Mapping[str, str | None]
+    ) -> None:
         """Allow contact of robots with their mounted tools, in all tasks written so far.
 
         Args:

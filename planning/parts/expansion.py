@@ -67,7 +67,7 @@ class _Expansion:
         """Return the tasks of the step; tool changes come first."""
         changes, build, step = self._candidates.changes, self._build, self._known.step
         number, supply = self._choice.step, self._candidates.assembly.supply
-        before = changes.mounted | self._plan.tools_before(number)
+        before = {**changes.mounted, **self._plan.tools_before(number)}
         if build.first == 0:
             changes.begin(build)
         for robot, tool in sorted(self._choice.tools):

@@ -109,7 +109,10 @@ _ENTRIES = (
         note="Franka Emika Panda, 7 joints, hand with fingers held 40 mm apart",
         home=_radians(0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0),
         tool_links=("panda_hand", "panda_leftfinger", "panda_rightfinger"),
-        frames={"tool": from_rpy((0.0, 0.0, 0.105), (0.0, 0.0, -np.pi / 4))},
+        frames={
+            "tool": from_rpy((0.0, 0.0, 0.105), (0.0, 0.0, -np.pi / 4)),
+            "tip": from_rpy((0.0, 0.0, 0.1115), (0.0, 0.0, -np.pi / 4)),
+        },
         folder="franka_panda",
         file="panda.urdf",
         flange_link="panda_link8",
@@ -128,7 +131,10 @@ _ENTRIES = (
         " whose lengths are its own",
         home=_radians(0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0),
         tool_links=("fr3_hand", "fr3_leftfinger", "fr3_rightfinger"),
-        frames={"tool": from_rpy((0.0, 0.0, 0.1034), (0.0, 0.0, -np.pi / 4))},
+        frames={
+            "tool": from_rpy((0.0, 0.0, 0.1034), (0.0, 0.0, -np.pi / 4)),
+            "tip": from_rpy((0.0, 0.0, 0.1115), (0.0, 0.0, -np.pi / 4)),
+        },
         folder="franka_panda",
         file="fr3.urdf",
         flange_link="fr3_link8",

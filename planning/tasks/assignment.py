@@ -349,14 +349,14 @@ class TaskPlan:
         choices: one per step.
         taken: objects taken by steps so far, by number.
         present: names of the objects that have come up by now.
-        tools: tools on the robots where the rest of an assembly begins.
+        tools: tools on the robots where the rest of an assembly begins, None for a bare flange.
         left: steps of that rest; of those that are not begun the robots begin with ``tools``. None for a whole assembly.
     """
 
     choices: tuple[StepChoice, ...]
     taken: Mapping[int, str] = field(default_factory=dict, hash=False)
     present: frozenset[str] = frozenset()
-    tools: Mapping[str, str] = field(default_factory=dict, hash=False)
+    tools: Mapping[str, str | None] = field(default_factory=dict, hash=False)
     left: frozenset[int] | None = None
 
     def __getitem__(self, step: int) -> StepChoice:
@@ -365,8 +365,8 @@ class TaskPlan:
             raise IndexError(f"no step {step}; steps: 1 to {len(self.choices)}")
         return self.choices[step - 1]
 
-    def tools_before(self, step: int) -> dict[str, str]:
-        """Return the tools that robots have had put on before a step, by robot.
+    def tools_before(self, step: int) -> dict[str, str | None]:
+        """Return the tools that robots have had put on before a step, by robot, None for a bare flange.
 
         A step that is done again comes after later ones that are done: what these have put on is on.
         """

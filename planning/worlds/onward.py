@@ -134,12 +134,13 @@ def plan_onward(
         assign_steps(problem),
         taken=now.taken,
         present=now.present,
-        tools=_tools_on_robots(cell, world),
+        tools=_tools_on_robots(problem, world),
         left=frozenset(
             {item.step.step for item in left}
             | ({choice.step for choice in now.task_plan.choices} - kept.keys())
             | set(range(len(now.task_plan.choices) + 1, len(problem.steps) + 1))
-        ),
+        )
+        - now.given_up,
     )
     assembly = replace(work, problem=problem)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
@@ -307,15 +308,13 @@ def _fresh(assembly: Assembly, step: int, brought: tuple[Task, ...]) -> _Item:
     return _Item(alternatives, step, whole)
 
 
-def _tools_on_robots(cell: Workcell, world: World) -> dict[str, str]:
-    """Return the exchangeable tool on each robot that has one on it."""
-    there = world.state.attachments
-    return {
-        robot.name: tool.name
-        for robot in cell.robots
-        for tool in robot.tools
-        if tool.name in there and there[tool.name].holder == robot.name
-    }
+def _tools_on_robots(problem: AssignmentProblem, world: World) -> dict[str, str | None]:
+    """Return the tool on each robot that changes tools, None for a bare flange."""
+    # Not those of the cell: that of a saved plan does not say which tools a robot has.
+    found: dict[str, str | None] = dict.fromkeys(problem.mounted)
+    held = {(at.holder, name) for name, at in world.held()}
+    found.update((k, tool) for k, tool, _ in problem.changes if (k, tool) in held)
+    return found
 
 
 def _remaining_tasks(

@@ -88,6 +88,7 @@ class RemovalPlan:
         rejected: rejected parts, by the number of the given-up step.
         removed: those that are removed in the plan, with the task that takes them.
         lies: current poses of objects that the plan has moved; None for those in a hand or gone.
+        leaves: absent objects, with the tasks in which their products leave without them, and their places there.
     """
 
     world: World
@@ -96,6 +97,7 @@ class RemovalPlan:
     rejected: Mapping[int, Disposal] = field(default_factory=dict)
     removed: dict[str, int] = field(default_factory=dict)
     lies: dict[str, Transform | None] = field(default_factory=dict)
+    leaves: dict[str, tuple[int, Transform]] = field(default_factory=dict)
 
     def of_step(
         self,
@@ -151,21 +153,27 @@ class RemovalPlan:
 
     def _lies(self, name: str) -> Transform | None:
         """Return the pose of an object that must be removed, None where it stays or is nowhere."""
-        rejected = {order.part for order in self.rejected.values()}
-        if name not in rejected.union(self.passing) or name in self.removed:
+        if name not in self._rejected_parts.union(self.passing) or name in self.removed:
             return None
         if name in self.lies:
             return self.lies[name]
         at = self.world.state.attachments.get(name)
         return None if at is None or at.holder is not None else at.pose
 
+    @property
+    def _rejected_parts(self) -> set[str]:
+        return {order.part for order in self.rejected.values()}
+
     def without_absent_objects(self, step: StepTasks) -> StepTasks:
         """Return a step in which only present objects leave the cell, and record their final poses."""
+        away = self.given_up | self.removed.keys() | self._rejected_parts
 
         def stays(h: Handling) -> bool:
-            away = self.given_up | self.removed.keys()
             return h.holder == Handling.GONE and h.object in away
 
+        for t in filter(brings_parts, step.tasks):
+            absent = filter(stays, t.handlings)
+            self.leaves |= {h.object: (t.index, h.pose) for h in absent}
         tasks = tuple(
             replace(t, handlings=tuple(h for h in t.handlings if not stays(h)))
             if brings_parts(t)
@@ -177,8 +185,17 @@ class RemovalPlan:
         return replace(step, tasks=tasks)
 
     def waits(self, tasks: Iterable[Task]) -> Iterator[tuple[int, int]]:
-        """Yield the dependencies of removals: what precedes them, and deliveries to the freed places."""
+        """Yield the dependencies of removals: what precedes them, deliveries to the freed places, and departures."""
         tasks = tuple(tasks)
+        # What is on a product is taken off, by whichever plan, before that leaves.
+        lies: dict[str, Transform] = {}
+        for task in sorted(tasks, key=lambda task: task.index):
+            for h in (h for h in task.handlings if h.object in self.leaves):
+                index, place = self.leaves[h.object]
+                if h.holder is None:
+                    lies[h.object] = h.pose
+                elif task.index < index and np.allclose(lies.get(h.object, 0), place):
+                    yield task.index, index
         for task in tasks:
             for name, index in self.removed.items():
                 about = task.object == name or any(

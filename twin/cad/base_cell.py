@@ -25,6 +25,9 @@ _TABLE = "table"
 _FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 """Joints of the fingers of the default arms."""
 
+_TIP = "tip"
+"""Frame of the default arms at the tips of their fingers: low parts are gripped by it."""
+
 OPENINGS_M = (0.04, 0.06, 0.08)
 """Openings of the default arms' fingers, which are held so far apart [m]."""
 
@@ -43,7 +46,7 @@ def open_fingers(cell: dict[str, Any], opening: float) -> dict[str, Any]:
     """Hold the fingers of the default arms of a cell apart by an opening [m], and return the rules for their grips."""
     for robot in cell["robots"]:
         robot["joints"] = dict.fromkeys(_FINGERS, round(0.5 * opening, 4))
-    return {"opening_m": round(opening - SLACK_M, 4)}
+    return {"frame": _TIP, "opening_m": round(opening - SLACK_M, 4)}
 
 
 def cell_like(name: Path, output: Path) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -43,7 +43,13 @@ def check_tool_frames(subject: CheckContext) -> Findings:
     """Yield tool frames that are off the tool, or do not point out of it."""
     seen: set[tuple[str, bytes]] = set()
     for name, frame, holds in subject.checks.tool_frames():
-        model = subject.cell.robot(name).model
+        robot = subject.cell.robot(name)
+        model = robot.model
+        # Another tool that the robot takes may have it.
+        for own in (model, *(tool.model for tool in robot.tools)):
+            if frame in own.frames:
+                model = own
+                break
         if frame != "flange" and frame not in model.frames:
             choices = ", ".join(("flange", *model.frames))
             yield Finding(

@@ -23,8 +23,8 @@ _WORDS = re.compile(
 INK, GRID, FRAME = "#2b2f36", "#e4e7eb", "#b8bec6"
 """Colours of text and lines, of the grid, and of the lines around the axes."""
 
-WIDTH_IN = 10.0
-"""Width of a picture: letters are still read where a page shows it at three quarters [in]."""
+WIDTH_IN = 9.0
+"""Width of a picture: the smallest letters are still read at the width of a page [in]."""
 
 _NAME = 38
 """Letters of a line of a name beside a bar."""

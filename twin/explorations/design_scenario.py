@@ -36,6 +36,13 @@ def begin_design(target: Path, source: str) -> Path:
         OutputError: the folder is not one of an exploration, or the file is there already.
         RequestError: there is no design of this rank.
     """
+    design, words = design_of(source)
+    text = f"# {words}\n{scenario_text(design.sections)}"
+    return write_new_scenario(target, text, design.folder)
+
+
+def design_of(source: str) -> tuple[LoadedScenario, str]:
+    """Return the scenario of a design, and what it changes in words; see ``begin_design``."""
     match = _DESIGN.match(source)
     if match is None:
         raise RequestError(
@@ -63,8 +70,8 @@ def begin_design(target: Path, source: str) -> Path:
     except (KeyError, ScenarioError) as error:
         raise OutputError(f"{path}: is of another exploration: {error}") from error
     changes = "; ".join(row["changes"]) or "the scenario as it is"
-    head = f"# Design {row['design']} of an exploration of {scenario.name}: {changes}\n"
-    return write_new_scenario(target, head + scenario_text(scenario), request.folder)
+    words = f"Design {row['design']} of an exploration of {scenario.name}: {changes}"
+    return LoadedScenario(scenario, request.folder), words
 
 
 def scenario_text(scenario: Scenario) -> str:

@@ -49,12 +49,10 @@ _CELLS = 3
 _BLUE, _ORANGE, _RED, _GREY = "#2f6db5", "#d9822b", "#c23b54", "#a7afb9"
 
 _CSS = (
-    ".cells{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(340px,100%),1fr));gap:8px}"
+    ".cells{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(560px,100%),1fr));gap:8px}"
     ".cells>div{min-width:0}"
     ".best th:last-child,.best td:last-child{text-align:left}"
     "@media(min-width:901px){.best td:not(:last-child){white-space:nowrap}}"
-    # Letters of a chart that is as narrow as a phone cannot be read: it is wider, and moved by a finger.
-    "@media(max-width:600px){figure{overflow-x:auto}figure svg{min-width:600px}}"
     ".why th:nth-child(3),.why td:nth-child(3){text-align:left}"
 )
 
@@ -152,7 +150,7 @@ def _cells(
             setting.scenario, variant_of(dimensions, item.values)
         )
         subject = CheckContext(scenario, setting.folder)
-        figure = cell_figure(subject, width_in=7.0, detail=False)
+        figure = cell_figure(subject, width_in=4.7, detail=False)
         figure.suptitle(f"#{item.rank}", color=INK, fontsize=12)
         words = paragraph(f"#{item.rank}: {item.label}", "note")
         drawn = save_and_embed_picture(folder, figure, f"cell-{item.rank}")

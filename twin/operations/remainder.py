@@ -17,7 +17,13 @@ from planning.cell.workcell import Begun
 from planning.errors import RequestError
 from planning.tasks.assembly import Assembly
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
-from planning.tasks.task import Handling, StepTasks, Task, TaskKind
+from planning.tasks.task import (
+    Handling,
+    StepTasks,
+    Task,
+    TaskKind,
+    changed_tools,
+)
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, picked_steps
@@ -237,10 +243,14 @@ def _choices_of(
         ]
         for choice in _choices(work.problem, plan, number, skills):
             tried = plan.with_choice(choice)
+            fresh = work.expand(tried, number, 0).tasks
+            # Which tools were changed before it depends on what had failed by then.
+            tools = changed_tools(fresh)
             needed = [
                 task
-                for task in work.expand(tried, number, 0).tasks
-                if task.kind != TaskKind.TRANSIT or task.goal
+                for task in fresh
+                if (task.kind != TaskKind.TRANSIT or task.goal)
+                and task.object not in tools
             ]
             if all(any(_alike(a, b) for b in skills) for a in needed):
                 plan = tried

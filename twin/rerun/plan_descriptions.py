@@ -69,16 +69,19 @@ class PlanDescriptions:
             node: node that waits.
             complete: returns whether a node of a chain is complete.
         """
-        left = [
-            source
-            for source in self._sources.get((chain, node), ())
-            if not complete(*source)
-        ]
+        left = self.awaited(chain, node, complete)
         if not left:
             return ""
         chain, last = left[-1]
         more = any(other != chain for other, _ in left)
         return self._wait(*self._owner(chain, last), more=more)
+
+    def awaited(
+        self, chain: int, node: int, complete: Callable[[int, int], bool]
+    ) -> list[tuple[int, int]]:
+        """Return the incomplete nodes that a node waits for; see ``wait``."""
+        sources = self._sources.get((chain, node), ())
+        return [source for source in sources if not complete(*source)]
 
     def lane(self, chain: int) -> Iterator[tuple[str, str]]:
         """Yield all possible texts of a robot's lane, each with its state."""

@@ -24,7 +24,7 @@ _LATE = "#c0392b"
 _PRODUCTS_A_ROW, _MOST_LANES = 25, 150
 """Products of a row of lanes, whose numbers can be read, and lanes of all rows; further rows are omitted."""
 
-_WIDTH_IN, _LANE_IN, _BAR = 15.0, 0.3, 0.6
+_WIDTH_IN, _LANE_IN, _BAR = 11.0, 0.3, 0.6
 
 
 def run_products_figure(
@@ -94,7 +94,7 @@ def products_figure(
         handles += [mark, Line2D([], [], color=_LATE, lw=2.2, label="late")]
     if handles:
         figure.legend(
-            handles=handles, loc="outside lower center", ncols=8, frameon=False
+            handles=handles, loc="outside lower center", ncols=6, frameon=False
         )
     return figure
 
@@ -128,4 +128,4 @@ def _draw_product(
     if low <= due < high:
         axes.plot([due], [top], marker="v", ms=4, color=_LATE if end > due else INK)
         if end <= due:  # others may have the lane by then
-            axes.annotate(f"  {label}", (due, top), va="center", size=6.5, color=INK)
+            axes.annotate(f"  {label}", (due, top), va="center", size=7.5, color=INK)

@@ -1,11 +1,14 @@
-"""Function that makes the page of a scenario, a plan or a run."""
+"""Function that makes the page of a scenario, a plan, a run, or the best of a study or exploration."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from planning.files import read_object
 from twin.api.runs import simulate
+from twin.registry import HOOKS
 from twin.runs.folder import EVENTS
+from twin.scenario.manifest import MANIFEST
 from twin.scenario.shipped import scenario_path
 from twin.trial.loaded_scenario import PathOrName, load
 from twin.trial.plan_result import read_plan, scenario_of_run
@@ -14,12 +17,13 @@ from twin.view.cell_page import CellPage
 
 
 def cell_page(path: PathOrName, *, port: int, read_only: bool = False) -> CellPage:
-    """Return the page of a scenario, a plan or a run, which is served.
+    """Return the page of a scenario or of results, which is served.
 
-    Runs and plans are shown, and not changed; a plan is played as it would go without disturbances.
+    Results are shown, and not changed. A plan is executed once, as by ``twin.simulate``. Of a study it is the plan that
+    its report shows first, of an exploration the cell of the best design.
 
     Args:
-        path: a scenario file, the name of a shipped one, or the folder of a run or plan.
+        path: a scenario file, the name of a shipped one, or the folder of a run, plan, study or exploration.
         port: port of the page.
         read_only: show a scenario file without changing it.
 
@@ -34,5 +38,14 @@ def cell_page(path: PathOrName, *, port: int, read_only: bool = False) -> CellPa
         return CellPage(load(file), None, file if editable else None, port)
     if (place / EVENTS).exists():
         return CellPage(scenario_of_run(place), read_run(place), None, port)
-    plan = read_plan(place)
-    return CellPage(plan.scenario, simulate(plan), None, port)
+    about = read_object(place / MANIFEST, "manifest of results")
+    if "exploration" in about:
+        design = HOOKS.require("design of an exploration", "the page of an exploration")
+        scenario, words = design(f"{place}#1")
+        return CellPage(scenario, None, None, port, words)
+    if "study" in about:
+        plan, words = HOOKS.require("plan of a study", "the page of a study")(place)
+        words = f"Plan of the study's best: {words}"
+    else:
+        plan, words = read_plan(place), ""
+    return CellPage(plan.scenario, simulate(plan), None, port, words)

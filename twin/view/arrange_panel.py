@@ -1,4 +1,4 @@
-"""Panel of the page that changes the scenario file: poses, HOME, further robots and fixtures, undo and save."""
+"""Panel of the page that changes the scenario file: poses, HOME, what is added, undo and save."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ import numpy as np
 import viser
 from scipy.spatial.transform import Rotation
 
-from planning.robots.registry import ROBOTS
-from planning.transforms import Transform, quat_wxyz
+from planning.transforms import Array, Transform, quat_wxyz
+from twin.document.yaml_text import KeyPath
+from twin.view.addition_panel import AdditionPanel
 from twin.view.cell_editor import CellEditor, Movable
 from twin.view.cell_scene import CellScene
+from twin.view.contact_snap import SNAP_M
 
 _NOTHING = "nothing"
 _OFF = "off"
@@ -27,6 +29,7 @@ class ArrangePanel:
         editor: the file.
         scene: where bodies move along.
         guarded: calls a function, and shows its error.
+        moving: called with the key and the pose of what is moved by its handles, until they are let go.
 
     Attributes:
         movables: poses of the file by the names of the list.
@@ -38,9 +41,10 @@ class ArrangePanel:
         editor: CellEditor,
         scene: CellScene,
         guarded: Callable[[Callable[[], object]], None],
+        moving: Callable[[KeyPath, Transform], None],
     ) -> None:
         self._server, self._editor, self._scene = server, editor, scene
-        self._guarded = guarded
+        self._guarded, self._moving = guarded, moving
         self.movables: dict[str, Movable] = {}
         self._gizmo: viser.TransformControlsHandle | None = None
         gui = server.gui
@@ -53,10 +57,15 @@ class ArrangePanel:
         self._grid = gui.add_dropdown(
             "Grid [mm]", _GRIDS_MM, hint="Positions to which the handles snap"
         )
+        self._snap = gui.add_checkbox(
+            "Snap to contacts",
+            initial_value=True,
+            hint=f"A body within {1000 * SNAP_M:g} mm of another one touches it, by upright boxes around both",
+        )
         with gui.add_folder("HOME of a robot", expand_by_default=False):
             self._build_home()
         with gui.add_folder("Add", expand_by_default=False):
-            self._build_additions()
+            AdditionPanel(gui, editor, guarded, self._top)
         keys = gui.add_button_group("Changes", ("Undo", "Redo"))
         keys.on_click(lambda _: self._step(keys.value))
         files = gui.add_button_group("File", ("Save", "Read again", "Overwrite"))
@@ -81,6 +90,7 @@ class ArrangePanel:
             self._gizmo.position = movable.pose[:3, 3]
             self._gizmo.wxyz = quat_wxyz(movable.pose)
             self._show_numbers(movable.pose)
+            self._scene.show_goal(movable.body, movable.pose)
         words = "**changes are not saved**" if self._editor.unsaved else "saved"
         self._state.content = f"{self._editor.path.name}: {words}"
 
@@ -130,32 +140,23 @@ class ArrangePanel:
         if len(self._joints) == len(self._units()):
             self._scene.move_robot(self._robot.value, np.array(self._joint_values()))
 
-    def _build_additions(self) -> None:
-        gui = self._server.gui
-        name = gui.add_text("Name", "new")
-        model = gui.add_dropdown("Robot model", tuple(ROBOTS))
-        size = gui.add_vector3("Size of a fixture [m]", (0.2, 0.2, 0.1))
-
-        def add_robot() -> None:
-            base = {"xyz_m": [0.0, 0.0, 0.0]}
-            entry = {"name": name.value, "model": model.value, "base": base}
-            self._editor.add(("cell", "robots"), entry)
-
-        def add_fixture() -> None:
-            pose = {"xyz_m": [0.0, 0.0, size.value[2] / 2]}
-            entry = {"name": name.value, "size_m": list(size.value), "pose": pose}
-            self._editor.add(("cell", "fixtures"), entry)
-
-        gui.add_button("Add a robot").on_click(lambda _: self._guarded(add_robot))
-        gui.add_button("Add a fixture").on_click(lambda _: self._guarded(add_fixture))
+    def _top(self) -> Array:
+        """Return the middle of the top of what is selected, the origin without a body, shape (3,) [m]."""
+        movable = self.movables.get(self._selected.value)
+        box = None if movable is None else self._scene.box(movable.body, movable.pose)
+        if box is None:
+            return np.zeros(3)
+        return np.array([*box[:, :2].mean(axis=0), box[1, 2]])
 
     def _select(self, name: str) -> None:
         if self._gizmo is not None:
             self._gizmo.remove()
             self._gizmo = None
         movable = self.movables.get(name)
+        self._scene.hide_goal()
         if movable is None:
             return
+        self._scene.show_goal(movable.body, movable.pose)
         self._show_numbers(movable.pose)
         gizmo = self._server.scene.add_transform_controls(
             "/gizmo",
@@ -171,11 +172,19 @@ class ArrangePanel:
     ) -> None:
         """Move the body along with the handles; change the file when they are let go."""
         pose = self._pose_of(gizmo)
+        if self._snap.value:
+            goals = {
+                own.body: own.pose
+                for own in self.movables.values()
+                if own.body.startswith("goals/")
+            }
+            pose = self._scene.snapped(movable.body, pose, goals)
         self._show_numbers(pose)
         if phase == "end":
             self._guarded(lambda: self._editor.move(movable.at, pose))
-        elif movable.body:
+        else:
             self._scene.move_body(movable.body, pose)
+            self._moving(movable.at, pose)
 
     def _pose_of(self, gizmo: viser.TransformControlsHandle) -> Transform:
         """Return the pose of the handles, on the grid."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from planning.transforms import Transform
 from twin.document.section import Section, iterate_nested
 from twin.document.validation import InvalidScenarioError
 from twin.document.yaml_text import KeyPath
+from twin.planning.build_workcell import build_workcell
 from twin.reading.scenario_file import parse_scenario
 from twin.scenario.sections.shapes import PoseSection
 from twin.trial.loaded_scenario import LoadedScenario
@@ -27,7 +28,11 @@ _INNER = frozenset(
 )
 """Keys below which poses are not in the world."""
 
-_BODIES = {("fixtures", "pose"): "fixtures", ("parts", "start"): "objects"}
+_BODIES = {
+    ("fixtures", "pose"): "fixtures",
+    ("parts", "start"): "objects",
+    ("parts", "goal"): "goals",
+}
 """Kinds of the bodies that stand at a pose, by the list and the key of the pose."""
 
 _MOST_UNDONE = 200
@@ -73,7 +78,7 @@ class CellEditor:
         self._redo: list[str] = []
         self._lock = threading.RLock()
         self.problems: tuple[str, ...] = ()
-        self.scenario = self._parsed(self._text)
+        self.scenario = self.parsed(self._text)
 
     @property
     def text(self) -> str:
@@ -111,7 +116,14 @@ class CellEditor:
         yield from reversed(found)
 
     def move(self, at: KeyPath, pose: Transform) -> None:
-        """Set the pose at a key; orientations are written as angles, and left out where they are not needed."""
+        """Set the pose at a key."""
+        self.replace(self.moved(at, pose))
+
+    def moved(self, at: KeyPath, pose: Transform) -> str:
+        """Return the text with another pose at a key.
+
+        Orientations are written as angles, and left out where they are not needed.
+        """
         text = self._text
         given = self._section_at(at)
         xyz = [float(x) for x in pose[:3, 3]]
@@ -127,7 +139,7 @@ class CellEditor:
             else:
                 angles = turn.as_euler("xyz", degrees=True).tolist()
                 text = with_value(text, (*at, "rpy_deg"), angles)
-        self.replace(text)
+        return text
 
     def set_home(self, robot: str, q: list[float]) -> None:
         """Set HOME of a robot [rad or m]."""
@@ -140,9 +152,18 @@ class CellEditor:
             degrees = np.rad2deg(q).tolist()
             self.replace(with_value(self._text, (*at, "home_deg"), degrees))
 
-    def add(self, at: KeyPath, entry: Mapping[str, Any]) -> None:
-        """Append an entry to the list at a key, or add it to the mapping by its name."""
-        self.replace(with_entry(self._text, at, entry))
+    def add(self, *entries: tuple[KeyPath, Any]) -> None:
+        """Append entries to the lists at keys, or add them to mappings by their names, as one change.
+
+        Raises:
+            TwinError: there would be no cell with them; nothing is changed.
+        """
+        text = self._text
+        for at, entry in entries:
+            text = with_entry(text, at, entry)
+        scenario = self.parsed(text)
+        build_workcell(scenario.sections, scenario.folder)
+        self.replace(text)
 
     def replace(self, text: str) -> None:
         """Replace the text; the change can be undone."""
@@ -207,7 +228,7 @@ class CellEditor:
     def _set(self, text: str) -> None:
         self._text = text
         try:
-            self.scenario = self._parsed(text)
+            self.scenario = self.parsed(text)
             self.problems = ()
         except InvalidScenarioError as error:
             self.problems = tuple(
@@ -217,7 +238,12 @@ class CellEditor:
             self.problems = (str(error),)
         self._changed()
 
-    def _parsed(self, text: str) -> LoadedScenario:
+    def parsed(self, text: str) -> LoadedScenario:
+        """Return the scenario that a text is.
+
+        Raises:
+            TwinError: it is none.
+        """
         sections, document = parse_scenario(self.path, text)
         return LoadedScenario(sections, self.path.parent, document)
 

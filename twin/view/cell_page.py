@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from planning.errors import TwinError
+from planning.transforms import Transform
+from twin.document.yaml_text import KeyPath
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
@@ -19,15 +21,10 @@ from twin.view.cell_editor import CellEditor
 from twin.view.cell_scene import CellScene
 from twin.view.command_panel import CommandPanel
 from twin.view.findings import Findings, FindingsThread
+from twin.view.look_panel import LookPanel
 from twin.view.player import SPEEDS, Player
 from twin.view.run_playback import RunPlayback
 from twin.view.server import ViewServer
-
-_VIEWED_FROM = (0.7, -1.1, 0.7)
-"""Position of the camera from the middle of the cell, in sizes of the cell."""
-
-_FINE_GRID_M = 5.0
-"""Cells up to this size stand on a grid of 0.1 m, others on one of 1 m."""
 
 
 class CellPage:
@@ -38,6 +35,7 @@ class CellPage:
         run: what is played; None for the cell alone.
         path: the scenario file that may be changed; None for none.
         port: port of the page.
+        about: what is shown, for people.
 
     Attributes:
         server: serves the page.
@@ -49,6 +47,7 @@ class CellPage:
         run: RunResult | None,
         path: Path | None,
         port: int,
+        about: str = "",
     ) -> None:
         self._lock = threading.RLock()
         self._scenario = scenario
@@ -62,9 +61,9 @@ class CellPage:
         self._arrange: ArrangePanel | None = None
         self._checks = FindingsThread(self._show_findings)
         self._show_cell()
-        self._look_at_cell()
-        self._build_panel()
-        self._checks.check(scenario)
+        self._scene.look(self._viser)
+        self._build_panel(about)
+        self._checks.check(lambda: scenario)
         if run is not None:
             self.play(run)
 
@@ -73,7 +72,8 @@ class CellPage:
         with self._lock:
             self._stop_playing()
             self._scene.show(run.tpg.cell)
-            self._player = Player(RunPlayback(run), self._scene, self._viser.atomic)
+            self._look.begin(playback := RunPlayback(run))
+            self._player = Player(playback, self._scene, self._look, self._viser.atomic)
             self._player.start()
 
     def close(self) -> None:
@@ -88,6 +88,7 @@ class CellPage:
         if self._player is not None:
             self._player.stop()
             self._player = None
+            self._look.begin(None)
 
     def _answer_chart(self, _: Mapping[str, str]) -> dict[str, Any]:
         """Return the Gantt chart of the run that is played; nothing without one."""
@@ -114,41 +115,29 @@ class CellPage:
             "chart": self._charts,
         }
 
-    def _build_panel(self) -> None:
+    def _build_panel(self, about: str) -> None:
         gui = self._viser.gui
         # The button that shares a scene would send it to a server of others.
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
+        self._about = gui.add_markdown(about, visible=bool(about))
         tabs = gui.add_tab_group()
         if self._editor is not None:
             with tabs.add_tab("Arrange"):
                 self._arrange = ArrangePanel(
-                    self._viser, self._editor, self._scene, self._guarded
+                    self._viser,
+                    self._editor,
+                    self._scene,
+                    self._guarded,
+                    self._moving,
                 )
         with tabs.add_tab("Findings"):
             self._findings = gui.add_markdown("the cell is being checked")
         with tabs.add_tab("Look"):
-            reach = gui.add_checkbox("Reach of robots", initial_value=False)
-            reach.on_update(lambda _: self._scene.show_reach(shown=reach.value))
+            self._look = LookPanel(self._viser, self._scene)
         if self._editor is not None:
             with tabs.add_tab("Do"):
                 CommandPanel(gui, self._editor, self._guarded, self.play)
-
-    def _look_at_cell(self) -> None:
-        scene, camera = self._viser.scene, self._viser.initial_camera
-        scene.set_up_direction("+z")
-        middle, size, floor = self._scene.extent()
-        step = 0.1 if size < _FINE_GRID_M else 1.0
-        side = np.ceil(4.0 * size)
-        scene.add_grid(
-            "/grid",
-            width=side,
-            height=side,
-            cell_size=step,
-            position=(middle[0], middle[1], floor - 0.002),
-        )
-        camera.position = middle + size * np.array(_VIEWED_FROM)
-        camera.look_at = middle
 
     def _clicked(self, body: str) -> None:
         if self._arrange is not None:
@@ -172,8 +161,16 @@ class CellPage:
                 self._findings.content = words
             else:
                 self._guarded(self._show_cell)
-                self._checks.check(self._scenario)
+                scenario = self._scenario
+                self._checks.check(lambda: scenario)
             self._arrange.show()
+
+    def _moving(self, at: KeyPath, pose: Transform) -> None:
+        """Check the cell as it would be with a pose at a key."""
+        editor = self._editor
+        if editor is not None and not editor.problems:
+            text = editor.moved(at, pose)
+            self._checks.check(lambda: editor.parsed(text), moving=True)
 
     def _show_findings(self, found: Findings) -> None:
         if self._editor is not None and self._editor.problems:

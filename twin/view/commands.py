@@ -17,7 +17,7 @@ def view(
         Path,
         typer.Argument(
             metavar="PATH",
-            help="Scenario file, the name of one that twin scenarios lists, or the folder of a run or plan.",
+            help="Scenario file, the name of one that twin scenarios lists, or the folder of a run, plan, study or exploration.",
         ),
     ],
     port: Annotated[

@@ -14,6 +14,9 @@ from twin.document.yaml_text import KeyPath, plain_scalar
 _DIGITS = 6
 """Decimals to which numbers are written."""
 
+_MAPPINGS = (("assembly", "sources"),)
+"""Paths of what is given by name."""
+
 
 def with_value(text: str, path: KeyPath, value: Any) -> str:
     """Return a YAML text with the value at a path replaced or, where the last key is missing, added.
@@ -36,18 +39,22 @@ def with_value(text: str, path: KeyPath, value: Any) -> str:
     return _inserted(text, parent, f"{last}: {_flow(value)}")
 
 
-def with_entry(text: str, path: KeyPath, value: Mapping[str, Any]) -> str:
+def with_entry(text: str, path: KeyPath, value: Any) -> str:
     """Return a YAML text with an entry appended to the list, or added to the mapping by its ``name``, at a path.
+
+    Where there is neither, a list is begun, and a mapping for keys of ``_MAPPINGS``.
 
     Raises:
         RequestError: there is no list or mapping.
     """
     above = _node_at(text, path[:-1])
     parent = _child(above, path[-1])
-    if parent is None:
-        return with_value(text, path, [value])
-    if isinstance(parent, yaml.MappingNode):
+    by_name = isinstance(parent, yaml.MappingNode) or path in _MAPPINGS
+    if by_name:
         rest = {key: own for key, own in value.items() if key != "name"}
+    if parent is None:
+        return with_value(text, path, {value["name"]: rest} if by_name else [value])
+    if isinstance(parent, yaml.MappingNode):
         return _inserted(text, parent, f"{value['name']}: {_flow(rest)}")
     if not isinstance(parent, yaml.SequenceNode):
         raise RequestError(f"no list at {_words(path)}")

@@ -38,14 +38,22 @@ class FindingsThread:
         self._publish_now = publish
         self._publishing = threading.Lock()
         self._over = threading.Event()
-        self._newest: LoadedScenario | None = None
+        self._newest: tuple[Callable[[], LoadedScenario], bool] | None = None
         self._wake = threading.Condition()
         threading.Thread(target=self._check, daemon=True).start()
 
-    def check(self, scenario: LoadedScenario) -> None:
-        """Check a scenario, in place of one whose check has not begun."""
+    def check(
+        self, read: Callable[[], LoadedScenario], *, moving: bool = False
+    ) -> None:
+        """Check a scenario, in place of one whose check has not begun.
+
+        Args:
+            read: returns it; called in the thread of the checks.
+            moving: whether more follow soon: all findings are published together, so that none of reach disappear
+                meanwhile.
+        """
         with self._wake:
-            self._newest = scenario
+            self._newest = read, moving
             self._wake.notify()
 
     def stop(self) -> None:
@@ -67,12 +75,14 @@ class FindingsThread:
                     if self._over.is_set():
                         return
                     self._wake.wait()
-                scenario, self._newest = self._newest, None
+                (read, moving), self._newest = self._newest, None
             try:
+                scenario = read()
                 subject = CheckContext(scenario.sections, scenario.folder)
                 quick = findings_without_reach(subject)
-                self._publish(Findings(tuple(quick)))
-                if self._newest is None:
+                if not moving:
+                    self._publish(Findings(tuple(quick)))
+                if moving or self._newest is None:
                     whole = [*quick, *reach_findings(subject, quick)]
                     self._publish(Findings(tuple(dict.fromkeys(whole)), complete=True))
             except TwinError as error:

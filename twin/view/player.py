@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from twin.view.cell_scene import CellScene
+from twin.view.look_panel import LookPanel
 from twin.view.run_playback import RunPlayback
 
 _FRAME_S = 1 / 30
@@ -23,6 +24,7 @@ class Player:
     Args:
         run: the run.
         scene: where it is shown.
+        look: what is shown beside the bodies.
         frame: context in which the poses of a frame are sent together.
 
     Attributes:
@@ -35,11 +37,12 @@ class Player:
         self,
         run: RunPlayback,
         scene: CellScene,
+        look: LookPanel,
         frame: Callable[[], AbstractContextManager[None]],
     ) -> None:
-        self.run, self._scene, self._frame = run, scene, frame
+        self.run, self._scene, self._look, self._frame = run, scene, look, frame
         self.now_s, self.playing, self.speed = 0.0, False, 1.0
-        self._shown_s: float | None = None
+        self._shown: object = None
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._play, daemon=True)
 
@@ -69,8 +72,8 @@ class Player:
 
     def show(self) -> None:
         """Send the poses of the time that is shown, unless they were."""
-        t_s = self.now_s
-        if t_s == self._shown_s:
+        t_s, chosen = self.now_s, self._look.chosen
+        if self._shown == (t_s, chosen):
             return
         configurations = self.run.configurations(t_s)
         poses = self.run.objects(t_s, configurations)
@@ -78,7 +81,8 @@ class Player:
             for robot, q in configurations.items():
                 self._scene.move_robot(robot, q)
             self._scene.move_objects(poses)
-        self._shown_s = t_s
+            self._look.show(t_s, configurations, poses)
+        self._shown = t_s, chosen
 
     def _play(self) -> None:
         before = time.monotonic()

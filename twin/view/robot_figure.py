@@ -50,7 +50,7 @@ class RobotFigure:
         shapes: defaultdict[int, list[trimesh.Trimesh]] = defaultdict(list)
         for item in visuals.geometryObjects:
             shapes[item.parentJoint].append(_coloured_mesh(item))
-        self.meshes = {joint: _joined(own) for joint, own in shapes.items()}
+        self.meshes = {joint: joined(own) for joint, own in shapes.items()}
 
     def poses(self, q: Array) -> dict[int, Array]:
         """Return the pose of each mesh in the world at a configuration, (4, 4) by number of its joint."""
@@ -73,7 +73,8 @@ class RobotFigure:
             whole[first] = value
 
 
-def _joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+def joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """Return meshes as one."""
     found = trimesh.util.concatenate(meshes)
     assert isinstance(found, trimesh.Trimesh)
     return found

@@ -1,4 +1,4 @@
-"""Poses of robots and objects of a run at any time, and the bars of its Gantt chart."""
+"""Poses of robots and objects of a run at any time, its tasks and waits, and the bars of its Gantt chart."""
 
 from __future__ import annotations
 
@@ -32,12 +32,14 @@ class RunPlayback:
 
     Attributes:
         end_s: time of the last event [s].
+        robots, motions: robots of the cell and their motions, by name.
     """
 
     def __init__(self, run: RunResult) -> None:
         self._run = run
         self.end_s = run.makespan_ns / NANOSECONDS
-        self._robots = {robot.name: robot for robot in run.tpg.cell.robots}
+        self.robots = {robot.name: robot for robot in run.tpg.cell.robots}
+        self.motions = run.motions
         self._placements: defaultdict[str, list[Placement]] = defaultdict(list)
         for row in run.objects.to_pylist():
             parent = str(row["parent"])
@@ -54,7 +56,7 @@ class RunPlayback:
     def configurations(self, t_s: float) -> dict[str, Array]:
         """Return the configuration of each robot at a time [s]."""
         at = np.array([round(t_s * NANOSECONDS)])
-        return {name: own.at(at)[0] for name, own in self._run.motions.items()}
+        return {name: own.at(at)[0] for name, own in self.motions.items()}
 
     def objects(
         self, t_s: float, configurations: dict[str, Array]
@@ -73,9 +75,19 @@ class RunPlayback:
                 continue
             pose, holder = rows[k].pose, rows[k].holder
             if holder is not None:
-                pose = frame_pose(self._robots[holder], configurations[holder]) @ pose
+                pose = frame_pose(self.robots[holder], configurations[holder]) @ pose
             found[name] = pose
         return found
+
+    def bar(self, lane: str, t_s: float, ahead: int = 0) -> list[Any]:
+        """Return the bar of a lane that has begun last at a time, or one ahead of it; empty for none."""
+        bars = self._bars.get(lane, [])
+        k = bisect_right(bars, t_s, key=lambda bar: float(bar[0])) - 1 + ahead
+        return bars[k] if 0 <= k < len(bars) else []
+
+    @cached_property
+    def _bars(self) -> dict[str, list[Any]]:
+        return {lane["name"]: lane["bars"] for lane in self.chart["lanes"]}
 
     @cached_property
     def event_times_s(self) -> list[float]:
@@ -96,7 +108,7 @@ class RunPlayback:
         """Return the lanes of the Gantt chart as JSON values.
 
         Keys: ``end_s``, ``colours`` by state, ``lanes``: name and bars, each a list of start [s], end [s],
-        state and a description.
+        state, a description, and of a wait the body that is waited for.
         """
         tpg = self._run.tpg
         words = PlanDescriptions(tpg)
@@ -108,7 +120,7 @@ class RunPlayback:
             for item in activities:
                 if item.state == IDLE:
                     continue
-                said = words.state(item.state, item.task)
+                said, awaited = words.state(item.state, item.task), ""
                 if item.state == WAITING and item.first >= 0:
 
                     def complete(
@@ -117,8 +129,15 @@ class RunPlayback:
                         return 0 <= int(ends[other][node]) <= at
 
                     said = words.wait(k, item.first, complete) or said
+                    for other, node in words.awaited(k, item.first, complete):
+                        owner = tpg.chains[other]
+                        part = tpg.tasks[int(owner.task[node])].object
+                        robot = owner.robot in self.robots
+                        awaited = (
+                            f"robots/{owner.robot}" if robot else f"objects/{part}"
+                        )
                 start, end = item.start_ns / NANOSECONDS, item.end_ns / NANOSECONDS
-                bars.append([start, end, item.state, said])
+                bars.append([start, end, item.state, said, awaited])
             if bars:
                 lanes.append({"name": lane, "bars": bars})
         return {"end_s": self.end_s, "colours": plan_colours(tpg), "lanes": lanes}

@@ -25,6 +25,7 @@ COUNTS = {
     "stack": {"plate": 3, "screw": 4},
     "board": {"peg": 19},
     "puzzle": {"ring_1": 1, "ring_2": 1, "ring_3": 1, "lock": 1},
+    "flange": {"ring": 2, "cover": 1, "bolt": 2},
 }
 """Parts of each assembly and how many of them there are."""
 

@@ -13,7 +13,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import twin
-from planning.tasks.task import STILL, Handling, Task, TaskKind
+from planning.tasks.assembly import Disposal
+from planning.tasks.task import STILL, Handling, StepTasks, Task, TaskKind
 from planning.transforms import translation
 from planning.worlds.supplied import REMOVAL, RemovalPlan
 from planning.worlds.world import World
@@ -240,6 +241,52 @@ def test_what_comes_up_waits_for_what_an_earlier_plan_had_taken_from_there() -> 
         )
     scrap = RemovalPlan(cast(World, None), (), frozenset())
     assert [*scrap.waits(tasks)] == [(3, 7)]
+
+
+@given(
+    st.permutations(["pin", "lid", "pin of another"]),
+    st.sets(st.sampled_from(["pin", "lid"])),
+    st.sets(st.sampled_from(["pin", "lid"])),
+    st.sets(st.sampled_from(["pin", "lid", "pin of another"])),
+    st.booleans(),
+)
+def test_a_product_leaves_after_what_is_on_it_was_taken_away(
+    order: list[str],
+    rejected: set[str],
+    placed: set[str],
+    by_person: set[str],
+    before: bool,
+) -> None:
+    """Robots or a person take rejected parts, on it or elsewhere, in this plan or in one before."""
+    goals = {name: translation(0.1 * k, 0.0, 0.1) for k, name in enumerate(order)}
+    away = [name for name in order if name in rejected | {"pin of another"}]
+    tasks, takes = list[Task](), dict[str, int]()
+    for name in away:
+        at = goals[name] if name in placed else translation(0.0, 1.0, 0.1)
+        put = (Handling(name, 1, None, at),)
+        tasks.append(Task(len(tasks), "arm", "place-down", 8, name, STILL, put, name))
+    for name in away:
+        who, kind = "arm", "pick"
+        off = Handling(name, 1, "arm", np.eye(4))
+        if name in by_person:
+            who, kind = REMOVAL, TaskKind.TAKEN_OUT
+            off = Handling(name, 1, Handling.GONE, tasks[len(takes)].handlings[0].pose)
+        takes[name] = len(tasks)
+        tasks.append(Task(len(tasks), who, kind, 9, name, STILL, (off,), name))
+    scrap = RemovalPlan(
+        cast(World, None),
+        (),
+        frozenset(),
+        {k: Disposal(k, name, None) for k, name in enumerate(rejected)},
+        {} if before else {name: takes[name] for name in rejected},
+    )
+    parts = [Handling(k, 1, Handling.GONE, goals[k]) for k in ("pin", "lid")]
+    leave = Task(9, "cart", TaskKind.LEAVE, 9, "leaves", STILL, tuple(parts))
+    (left,) = scrap.without_absent_objects(StepTasks(9, (leave,), (), ())).tasks
+    assert {h.object for h in left.handlings} == {"pin", "lid"} - rejected
+    later = replace(tasks[-1], index=10)
+    waits = {(a, b) for a, b in scrap.waits([*tasks, left, later]) if b == 9}
+    assert waits == {(takes[name], 9) for name in rejected & placed}
 
 
 @pytest.mark.nightly

@@ -33,6 +33,9 @@ BY_DAY = {
 AT_NIGHT = 10
 """Of each cell."""
 
+KNOWN = {"mix": [9010, 9031, 9037], "tools in a line": [9011]}
+"""Operations with findings in the past: a product left without what was on it, and a flange was bare."""
+
 
 @pytest.mark.parametrize(
     ("cell", "seed"), [(cell, k) for cell, n in BY_DAY.items() for k in range(n)]
@@ -46,7 +49,7 @@ def test_a_drawn_operation_ends_and_tells_the_truth(cell: str, seed: int) -> Non
 @pytest.mark.parametrize("cell", CELLS)
 def test_drawn_operations_of_every_kind_end_and_tell_the_truth(cell: str) -> None:
     wrong = {}
-    for seed in range(100, 100 + AT_NIGHT):
+    for seed in (*range(100, 100 + AT_NIGHT), *KNOWN.get(cell, ())):
         found, _ = problems_of(cell, seed)
         if found:
             wrong[seed] = found

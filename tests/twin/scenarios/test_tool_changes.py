@@ -1,22 +1,25 @@
 """One robot changes its tools at a rack, in random lists of steps and in the shipped gearbox."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+import twin
+from planning.cell.workcell import PlacedRobot
 from planning.errors import InfeasibleStepError
-from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import Task, TaskKind
 from scheduling.build_nodes import build_nodes
 from scheduling.hand_loads import hand_loads
 from scheduling.verification.verify import verify_plan
-from tests.twin.written import loaded
+from tests.twin.operations.operated import operated
+from tests.twin.operations.operated import planned as operated_plan
+from tests.twin.written import loaded, written
 from twin.scenario.sections.scenario import resolve_scenario, restore_scenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
@@ -91,16 +94,17 @@ def planned_steps(steps: list[str], folder: Path) -> PlanResult:
     return plan_scenario(loaded(folder, scenario_text(steps)), folder)
 
 
-def tools_on(plan: MotionPlan) -> Iterator[tuple[Task, str | None]]:
+def tools_on(
+    arm: PlacedRobot, tasks: Iterable[Task]
+) -> Iterator[tuple[Task, str | None]]:
     """Yield every task with the tool that the arm has on it as the task begins.
 
     Every tool is in one place only: on the arm, or in its rack, and there for whoever takes it.
     """
-    arm = plan.cell.robots[0]
     racks = {tool.name: tool.rack for tool in arm.tools}
     lies: dict[str, bool] = dict.fromkeys(racks, True)
     on_it: str | None = None
-    for task in plan.tasks:
+    for task in tasks:
         yield task, on_it
         for handling in task.handlings:
             if handling.object not in racks:
@@ -113,6 +117,18 @@ def tools_on(plan: MotionPlan) -> Iterator[tuple[Task, str | None]]:
                 assert on_it is None
                 assert lies[handling.object]
                 on_it, lies[handling.object] = handling.object, False
+
+
+def works_with_their_tools(arm: PlacedRobot, tasks: Iterable[Task]) -> list[str]:
+    """Return the kinds of all skills in order, after checking the tool of each."""
+    needs = {"screw": {"driver"}, "seal": {"nozzle"}, "look": set(TOOLS)}
+    needs |= {kind: {"gripper"} for kind in ("pick", "place-down")}
+    done: list[str] = []
+    for task, tool in tools_on(arm, tasks):
+        if task.kind in needs:
+            assert tool in needs[task.kind]
+            done.append(task.kind)
+    return done
 
 
 def least_changes(steps: list[str]) -> int:
@@ -135,16 +151,9 @@ def test_every_step_is_done_with_its_tool(
     tmp_path: Path, work: list[str], at: int
 ) -> None:
     steps = [*work[:at], "block", *work[at:]]
-    planned = planned_steps(steps, tmp_path)
-    needs = {"screw": {"driver"}, "seal": {"nozzle"}, "look": set(TOOLS)}
-    needs |= {kind: {"gripper"} for kind in ("pick", "place-down")}
-    done: list[str] = []
-    kinds = []
-    for task, tool in tools_on(planned.motions.motion_plan):
-        kinds.append(task.kind)
-        if task.kind in needs:
-            assert tool in needs[task.kind]
-            done.append(task.kind)
+    plan = planned_steps(steps, tmp_path).motions.motion_plan
+    done = works_with_their_tools(plan.cell.robots[0], plan.tasks)
+    kinds = [task.kind for task in plan.tasks]
     wanted = [
         k for s in steps for k in (("pick", "place-down") if s == "block" else (s,))
     ]
@@ -289,7 +298,7 @@ def test_what_is_in_hand_is_known_node_by_node(planned: PlanResult) -> None:
     chain = tpg.chains[0]
     holds = False
     seen = set()
-    for task, on_it in tools_on(plan):
+    for task, on_it in tools_on(plan.cell.robots[0], plan.tasks):
         nodes = np.flatnonzero(chain.task == task.index)
         if len(nodes):
             load = loads.after(int(nodes[0]), 0)
@@ -309,3 +318,54 @@ def test_what_is_in_hand_is_known_node_by_node(planned: PlanResult) -> None:
         for begin, end, load in runs:
             for waypoint in range(begin, end):
                 assert loads.after(node, waypoint) is load
+
+
+AT_RACKS = """\
+  failures:
+    leave-tool: {probability: 0.5, retries: 0}
+    take-tool: {probability: 0.4, retries: 0}
+    place-down: {probability: 0.3, retries: 0}
+  recovery: {again: 0, shortcuts: 0}
+"""
+
+
+@pytest.fixture(scope="module")
+def failing(folder: Path) -> PlanResult:
+    """A plan whose attempts to change tools fail for good, so that their steps are given up."""
+    text = scenario_text(["screw", "seal", "block"]) + AT_RACKS
+    return operated_plan(written(folder, text, name="failing.yaml"))
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.integers(0, 10_000))
+@example(2)  # the flange is bare when a step is given up
+@example(7)
+def test_a_plan_after_a_failure_begins_with_what_is_on_the_flange(
+    failing: PlanResult, seed: int
+) -> None:
+    done, _ = operated(failing, seed)
+    works_with_their_tools(failing.tpg.cell.robots[0], done.tpg.tasks)
+    whys = set(done.given_up.values())
+    assert all(why.endswith("failed 1 times") for why in whys), "for no other reason"
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        32,  # nothing has changed when the first step is given up
+        pytest.param(48, marks=pytest.mark.nightly),  # the flange is bare then
+    ],
+)
+def test_what_is_left_of_a_run_begins_with_what_is_on_the_flange(
+    failing: PlanResult, folder: Path, seed: int
+) -> None:
+    """It has taken the nozzle without a driver before, other than in the first plan."""
+    case, out = failing.scenario.varied({"seed": seed}), folder / f"left{seed}"
+    run = twin.operate(case, out=out, recording=False, audit=False)
+    assert run.summary["operation"]["given_up"].keys() == {"1"}
+    (seal,) = (task.index for task in run.tpg.tasks if task.kind == "seal")
+    _, end_ns = run.node_times_ns[0]
+    t_s = end_ns[run.tpg.chains[0].task == seal][-1] / 1e9 + 0.1
+    left = twin.plan(world=twin.RunMoment(run, t_s)).tpg.tasks
+    arm = failing.tpg.cell.robots[0]
+    assert works_with_their_tools(arm, left) == ["pick", "place-down"]

@@ -1,5 +1,6 @@
 """Changes of a scenario file in the editor: undone, saved, and never lost."""
 
+import queue
 import shutil
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from twin.document.validation import InvalidScenarioError
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.shipped import shipped_scenarios
 from twin.view.cell_editor import CellEditor, Movable
+from twin.view.findings import Findings, FindingsThread
 
 
 @pytest.fixture
@@ -71,10 +73,9 @@ def test_every_change_is_undone_and_redone(file: Path) -> None:
 
 def test_what_others_wrote_is_not_overwritten_unasked(file: Path) -> None:
     editor = CellEditor(file)
-    editor.add(
-        ("cell", "fixtures"),
-        {"name": "box", "size_m": [0.1, 0.1, 0.1], "pose": {"xyz_m": [0, 1.5, 0.05]}},
-    )
+    pose = {"xyz_m": [0, 1.5, 0.05]}
+    box = {"name": "box", "size_m": [0.1, 0.1, 0.1], "pose": pose}
+    editor.add((("cell", "fixtures"), box))
     mine = editor.text
     file.write_text(file.read_text() + "# theirs\n")
     with pytest.raises(OutputError, match="has changed since it was opened"):
@@ -106,3 +107,20 @@ def test_an_invalid_change_keeps_the_last_valid_cell_and_names_the_line(
     file.write_text("cell: [")
     with pytest.raises(InvalidScenarioError):
         CellEditor(file)
+
+
+def test_a_pose_is_checked_while_it_moves(file: Path) -> None:
+    published: queue.Queue[Findings] = queue.Queue()
+    editor = CellEditor(file)
+    text, tray = editor.text, movable(editor, "tray")
+    pose = tray.pose.copy()
+    pose[0, 3] += 3.0
+    checks = FindingsThread(published.put)
+    moved = editor.moved(tray.at, pose)
+    checks.check(lambda: editor.parsed(moved), moving=True)
+    found = published.get(timeout=60)
+    checks.stop()
+    assert found.complete
+    assert any(own.error for own in found.found)
+    assert editor.text == text
+    assert not editor.undo()

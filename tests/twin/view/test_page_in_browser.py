@@ -1,53 +1,35 @@
 """The page in a browser: a run is played, a robot is moved, a finding appears, and the file is saved."""
 
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import twin
+from tests.browser import WAIT_MS, opened_page, playwright
 from twin.scenario.shipped import shipped_scenarios
 from twin.view.api import cell_page
+from twin.view.cell_page import CellPage
+from twin.view.cell_scene import tool_pose
 
 pytestmark = [pytest.mark.nightly, pytest.mark.timeout(900)]
 
-playwright = pytest.importorskip("playwright.sync_api")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-if CHROMIUM is None:
-    pytest.skip("there is no Chromium", allow_module_level=True)
-
-RENDERS_IN_SOFTWARE = (
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-)
-WAIT_MS = 120_000
-
 
 @contextmanager
-def opened(path: Path, port: int) -> Iterator[tuple[Any, Any]]:
-    """Yield the page of a path, and the frame of its scene."""
+def opened(path: Path, port: int) -> Iterator[tuple[Any, Any, CellPage]]:
+    """Yield the page of a path in the browser, the frame of its scene, and what serves it."""
     shown = cell_page(path, port=port)
     try:
-        with playwright.sync_playwright() as own:
-            browser = own.chromium.launch(
-                executable_path=CHROMIUM, args=list(RENDERS_IN_SOFTWARE)
-            )
-            page = browser.new_page(viewport={"width": 1200, "height": 800})
-            page.set_default_timeout(WAIT_MS)
-            wrong: list[str] = []
-            page.on("pageerror", lambda error: wrong.append(str(error)))
-            page.goto(shown.server.address)
+        size = {"width": 1200, "height": 800}
+        with opened_page(shown.server.address, viewport=size) as page:
             frame = page.frame_locator("#scene")
             frame.get_by_role("tab", name="Findings").wait_for()
-            yield page, frame
-            assert wrong == []
-            browser.close()
+            yield page, frame, shown
     finally:
         shown.close()
 
@@ -59,7 +41,7 @@ def file(tmp_path: Path) -> Path:
 
 def test_a_run_is_played(file: Path, tmp_path: Path) -> None:
     done = twin.run(file, out=tmp_path / "run", recording=False, audit=False)
-    with opened(tmp_path / "run", 8360) as (page, _):
+    with opened(tmp_path / "run", 8360) as (page, _, _):
         time = page.locator("#time")
         playwright.expect(time).to_have_text(f"0.00 of {done.makespan_s:.2f} s")
         page.locator("#step").click()
@@ -79,7 +61,7 @@ def test_a_run_is_played(file: Path, tmp_path: Path) -> None:
 
 def test_a_robot_is_moved_and_the_file_saved(file: Path) -> None:
     before = file.read_text()
-    with opened(file, 8370) as (_, frame):
+    with opened(file, 8370) as (_, frame, _):
         frame.get_by_role("tab", name="Findings").click()
         frame.get_by_text("nothing found").wait_for()
         frame.get_by_role("tab", name="Arrange").click()
@@ -110,3 +92,38 @@ def test_a_robot_is_moved_and_the_file_saved(file: Path) -> None:
     ]
     assert len(changed) == 1
     assert "-0.62" in changed[0][1]
+
+
+def test_the_camera_follows_a_robot_whose_motion_is_drawn(
+    file: Path, tmp_path: Path
+) -> None:
+    twin.run(file, out=tmp_path / "run", recording=False, audit=False)
+    with opened(tmp_path / "run", 8380) as (page, frame, shown):
+
+        def choose(label: str, option: str) -> None:
+            frame.get_by_label(label).click()
+            frame.get_by_role("option", name=option).click()
+
+        def looked_at() -> Any:
+            (client,) = shown.server.viser.get_clients().values()
+            return client.camera.look_at
+
+        frame.get_by_role("tab", name="Look").click()
+        frame.get_by_label("Distance of robots").click()
+        frame.get_by_text(re.compile(r"Distance of robots: \d+ mm")).wait_for()
+        choose("Motion of", "next bar")
+        choose("Camera on", "robots/left")
+        assert shown._player is not None
+        for t_s in (0.0, 5.0):
+            shown._player.seek(t_s)
+            run = shown._player.run
+            q = run.configurations(t_s)["left"]
+            tool = tool_pose(run.robots["left"], q)[:3, 3]
+            for _ in range(100):
+                if np.allclose(looked_at(), tool, atol=1e-3):
+                    break
+                page.wait_for_timeout(100)
+            np.testing.assert_allclose(looked_at(), tool, atol=1e-3)
+        page.wait_for_timeout(2000)
+        # What the browser says of its camera is what it was told.
+        np.testing.assert_allclose(looked_at(), tool, atol=1e-3)

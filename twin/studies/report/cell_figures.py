@@ -38,7 +38,7 @@ _LESS, _MORE = "#1f5f9e", "#d97b29"
 _TASKS_A_ROW = 30
 _MOST_LANES = 160
 """Lanes of all rows together."""
-_PANEL_IN, _NAME_SIZE = 0.84 * WIDTH_IN, 5.5
+_PANEL_IN, _NAME_SIZE = 0.84 * WIDTH_IN, 6.0
 """Width of a row of lanes [in], and size of the names of parts [points]."""
 _CRITICALITY = colormaps["YlOrRd"]
 

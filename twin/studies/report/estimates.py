@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from twin.studies.replications.statistics import Interval
+from twin.studies.report.markup import escape_text
 
 
 def format_estimate(found: Interval | None, *, percent: bool = False) -> str:
@@ -11,7 +12,7 @@ def format_estimate(found: Interval | None, *, percent: bool = False) -> str:
         return "-"
     factor, unit = (100.0, " %") if percent else (1.0, "")
     value = f"<span>{_digits(factor * found.estimate)}{unit}</span>"
-    bounds = found.bounds(_digits, factor)
+    bounds = escape_text(found.bounds(_digits, factor))
     return f'{value}<br><span class="interval">{bounds}</span>' if bounds else value
 
 

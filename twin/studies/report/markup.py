@@ -4,22 +4,32 @@ from __future__ import annotations
 
 import html
 import io
+import math
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from twin.host.atomic_files import save_png
 
 _LONG = 17
 """Longer words may be broken across lines on narrow pages [letters]."""
 
+_LEAST_TEXT_PX = 10.0
+"""Least size of text in a picture: on narrow pages the picture is wider and scrolls."""
+
+_NUMBER = r"[-+]?\d[\d.]*(?: (?:%|s|mm|m)(?!\w))?"
+_UNBROKEN = re.compile(rf"(?:at (?:least|most) )?{_NUMBER}(?: (?:to|±) {_NUMBER})?")
+"""Numbers with their units, and intervals, which stay on one line."""
+
 
 def escape_text(words: object) -> str:
-    """Return words as HTML."""
-    return html.escape(str(words))
+    """Return words as HTML; numbers with their units and intervals are not broken across lines."""
+    unbroken = _UNBROKEN.sub(lambda own: own[0].replace(" ", "\u00a0"), str(words))
+    return html.escape(unbroken)
 
 
 def breakable(words: object) -> str:
@@ -86,7 +96,16 @@ def picture(figure: Figure, name: str) -> str:
     with rc_context({"svg.hashsalt": name}):
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     svg = out.getvalue()
-    return f"<figure>{svg[svg.index('<svg') :]}</figure>"
+    sizes = [
+        float(text.get_fontsize())
+        for text in figure.findobj(Text)
+        if isinstance(text, Text) and text.get_text().strip() and text.get_visible()
+    ]
+    points = 72.0 * figure.get_figwidth()
+    width = _LEAST_TEXT_PX * points / min(sizes, default=_LEAST_TEXT_PX)
+    style = f'style="min-width:{math.ceil(width)}px" '
+    begin = svg.index("<svg") + len("<svg ")
+    return f"<figure><svg {style}{svg[begin:]}</figure>"
 
 
 def save_and_embed_picture(folder: Path, figure: Figure, name: str) -> str:

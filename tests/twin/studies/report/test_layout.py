@@ -1,5 +1,6 @@
 """Pictures of a study: everything lies within the picture, and nothing on anything else; its tables."""
 
+import html
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -20,6 +21,7 @@ from twin.studies.replications.statistics import Interval
 from twin.studies.replications.workload import Engines
 from twin.studies.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.studies.report.figures import draw_ecdf, draw_response, draw_waits
+from twin.studies.report.markup import escape_text, picture
 from twin.studies.report.page_tables import makespans_table
 from twin.studies.report.sensitivity_tables import sobol_table, tornado_table
 from twin.studies.sensitivity import Influence, SobolIndex
@@ -130,8 +132,8 @@ def test_tornado_and_sobol_are_legible() -> None:
     table = tornado_table(cell)
     assert table.count("<tr>") == 21
     assert "<span>-20.0</span>" in table
-    assert '<span class="interval">-22.0 to -19.0</span>' in table
-    assert '<span class="interval">-0.05 to 0.30</span>' in sobol_table(cell)
+    assert f'<span class="interval">{unbroken("-22.0 to -19.0")}</span>' in table
+    assert f">{unbroken('-0.05 to 0.30')}</span>" in sobol_table(cell)
 
 
 @pytest.mark.parametrize("tasks", [2, 14, 150])
@@ -162,7 +164,39 @@ def test_a_table_has_the_rows_that_are_asked_for_and_long_names_may_be_broken() 
     assert makespans_table(summary, summary.cells[:2]).count("<tr>") == 1 + 2
     found = makespans_table(_makespans(1))
     assert "<th>stalls.<wbr>rate_<wbr>per_<wbr>h</th>" in found
-    assert '<span>100.0</span><br><span class="interval">at least 100.0</span>' in found
-    assert '<span>100.0</span><br><span class="interval">100.0 to 101.5</span>' in found
-    assert "90 % intervals" in found
+    for words in ("at least 100.0", "100.0 to 101.5"):
+        interval = f'<span class="interval">{unbroken(words)}</span>'
+        assert f"<span>100.0</span><br>{interval}" in found
+    assert f"{unbroken('90 %')} intervals" in found
     assert "<td>-</td>" in found  # no P90
+
+
+def unbroken(words: str) -> str:
+    return words.replace(" ", "\u00a0")
+
+
+@pytest.mark.parametrize(
+    ("words", "kept"),
+    [
+        ("mean +12.3 s (-1.5 to 0.25), n", ("+12.3 s", "-1.5 to 0.25")),
+        ("at 95 % 3 % to 7.5 % of all", ("95 %", "3 % to 7.5 %")),
+        ("12.3 ± 0.4 in 3 steps to 4 seconds", ("12.3 ± 0.4",)),
+        ("<9 mm> at least 3", ("9 mm", "at least 3")),
+    ],
+)
+def test_intervals_and_units_stay_on_one_line(
+    words: str, kept: tuple[str, ...]
+) -> None:
+    expected = html.escape(words)
+    for own in kept:
+        expected = expected.replace(own, unbroken(own))
+    assert escape_text(words) == expected
+
+
+def test_a_picture_is_as_wide_as_its_smallest_text_needs() -> None:
+    figure = Figure(figsize=(5.0, 1.0))
+    figure.text(0.1, 0.5, "large", fontsize=12)
+    figure.text(0.5, 0.5, "small", fontsize=6)
+    figure.text(0.9, 0.5, "", fontsize=1)
+    # 360 points, and 6 of them are to be 10 pixels.
+    assert '<svg style="min-width:600px" ' in picture(figure, "small")
