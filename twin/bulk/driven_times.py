@@ -105,20 +105,28 @@ def driven_times(
     start = np.full((len(motions), segments), _NEVER)
     end = np.full((len(motions), segments), _NEVER)
     waiting = _waiting(edges, segments, ahead)
-    still = whole[head[:-1]] <= 0.0
+    # Of segments: whether they are at rest, how long they take then, and the last node of the stretch.
+    still, until = whole[head[:-1]] <= 0.0, last_of[head[:-1]]
+    work, segment_of = drawn.fixed[head[:-1]], np.empty(nodes, np.int32)
     for s in range(segments):
         if head[s] > 0 and last_of[head[s] - 1] == last_of[head[s]]:
             not_before[s] = 0  # the clock starts no robot within a stretch
+        for n in range(head[s], head[s + 1]):
+            segment_of[n] = s
+    at_rest = np.full(len(rows), -1)  # their segments
+    for k in range(len(rows)):
+        if whole[rows[k]] <= 0.0:
+            at_rest[k] = segment_of[rows[k]]
     length, top = np.empty(nodes), np.empty(nodes)
     ramp, lag = whole_ramp.copy(), whole_lag.copy()
-    motion, stand = drawn.fixed.copy(), np.zeros(nodes, np.int64)
+    stand = np.zeros(nodes, np.int64)
     for n in range(nodes):
         factor = override[0, n] if len(override) else 1.0
-        length[n], top[n] = _shape(whole[n], factor, motion[n])
+        length[n], top[n] = _shape(whole[n], factor, drawn.fixed[n])
     usual_length, usual_top = length.copy(), top.copy()
     odd = np.zeros(nodes, np.bool_)  # otherwise than usual in this replication
-    # States are rests before nodes, and passages; after each there is a list of passages.
-    after = np.full(2 * nodes, -1, np.int32)
+    # States are rests before segments, and passages; after each there is a list of passages.
+    after = np.full(segments + nodes, -1, np.int32)
     passages = np.empty((nodes, 8), np.int64)
     then = np.empty((nodes, 2))  # time that passed, and speed
     offsets = np.empty((_REMEMBERED * segments, 2), np.int64)  # of starts and ends
@@ -131,25 +139,27 @@ def driven_times(
     for r in range(len(motions)):
         begun, done = start[r], end[r]
         stands = range(drawn.stand_first[r], drawn.stand_first[r + 1])
-        for k in stands:
-            stand[stand_node[k]] += stand_ns[k]
-            odd[stand_node[k]] = True
         odds = len(stands)
         for k in range(len(rows)):
-            n = rows[k]
-            motion[n] = motions[r, k]
-            if whole[n] <= 0.0:
+            if at_rest[k] >= 0:
+                work[at_rest[k]] = motions[r, k]
                 continue
+            n = rows[k]
             factor = 1.0
             if len(override):
                 factor = override[r, n]
                 ramp[n] = whole_ramp[n] / factor
                 lag[n] = np.int64(np.ceil(whole_lag[n] / factor))
-            length[n], top[n] = _shape(whole[n], factor, motion[n])
+            length[n], top[n] = _shape(whole[n], factor, motions[r, k])
             same = length[n] == usual_length[n] and top[n] == usual_top[n]
             if not same or (len(override) and factor != override[0, n]):
                 odd[n] = True
                 odds += 1
+        for k in stands:
+            n = stand_node[k]
+            stand[n] += stand_ns[k]
+            work[segment_of[n]] += stand_ns[k]
+            odd[n] = True
         for k in range(chains):
             node[k], segment[k] = head[first[k]], first[k]
             base[k], due[k], pending[k], blocked[k] = 0, -1, 0, -1
@@ -175,7 +185,7 @@ def driven_times(
                             due[k] = ready
                             break
                         begun[s] = ready
-                        done[s] = ready + motion[head[s]] + stand[head[s]]
+                        done[s] = ready + work[s]
                         base[k], passed[k] = done[s], 0.0
                         s += 1
                         node[k], segment[k], moved = head[s], s, True
@@ -186,15 +196,15 @@ def driven_times(
             due[k] = -1
             if speed[k] <= 0.0:
                 base[k], passed[k] = now, 0.0
-                state[k] = n if pending[k] == 0 else -1
+                state[k] = s if pending[k] == 0 and n == head[s] else -1
             # The first segment that it may not enter as far as it knows.
             bar = waiting[s + 1]
-            while head[bar] <= last_of[n]:
+            while head[bar] <= until[s]:
                 clear, _ = _clear(edges, source, patience, begun, done, bar, low, ahead)
                 if clear > now:
                     break
                 bar = waiting[bar + 1]
-            last = min(head[bar] - 1, last_of[n])
+            last = min(head[bar] - 1, until[s])
             usual = state[k] >= 0
             if usual and odds > 0:
                 for m in range(n, last + 1):
@@ -210,9 +220,9 @@ def driven_times(
                     done[s + m] = base[k] + offsets[passages[p, _PLACE] + m, 1]
                 base[k] += passages[p, _REST]
                 passed[k], speed[k] = then[p, 0], then[p, 1]
-                node[k], state[k] = passages[p, _NEXT], nodes + p
+                node[k], state[k] = passages[p, _NEXT], segments + p
                 continue
-            opened, stop = n, _settled(length, ramp, n, last, last_of[n])
+            opened, stop = n, _settled(length, ramp, n, last, until[s])
             for n in range(opened, stop + 1):
                 if n == head[s]:
                     begun[s] = base[k] + np.int64(np.rint(passed[k]))
@@ -247,16 +257,18 @@ def driven_times(
             passages[found, _WHOLE], passages[found, _REST] = ends, base[k] - before
             passages[found, _OTHER], after[state[k]] = after[state[k]], found
             then[found, 0], then[found, 1] = passed[k], speed[k]
-            state[k], found = nodes + found, found + 1
+            state[k], found = segments + found, found + 1
             for s in range(low, low + count):
                 offsets[remembered, 0] = begun[s] - before
                 offsets[remembered, 1] = done[s] - before
                 remembered += 1
         for k in stands:
-            stand[stand_node[k]] = 0
-            odd[stand_node[k]] = False
+            n = stand_node[k]
+            stand[n], odd[n] = 0, False
+            work[segment_of[n]] -= stand_ns[k]
         for k in range(len(rows)):
-            odd[rows[k]] = False
+            if at_rest[k] < 0:
+                odd[rows[k]] = False
     return start, end
 
 
