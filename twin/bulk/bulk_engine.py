@@ -87,7 +87,11 @@ class BulkEngine:
         self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
         self._draws = self._sampler.skills
         self._shares = _shares(self._draws, self._drawn_by)
-        self._undisturbed = model.disturbances == Disturbances()
+        own = model.disturbances
+        failing = {k: f for k, f in own.failures.items() if f.probability or f.parts}
+        # Stops at known times draw nothing; callers see to runs that come to one.
+        known = {"emergency_stops": (), "planned_stops": (), "calendar": None}
+        self._undisturbed = own.changed(failures=failing, **known) == Disturbances()
 
     def sample(self, *, seed: int, replications: npt.ArrayLike) -> SegmentTimes:
         """Draw the duration of every segment in some replications."""
