@@ -226,8 +226,8 @@ def changed_tools(tasks: Iterable[Task]) -> frozenset[str]:
 
 def is_work(task: Task, tools: Collection[str] = ()) -> bool:
     """Tell whether a robot or a machine works for a product, and not with one of the tools at its rack."""
-    others = TaskKind.TRANSIT, *TaskKind.SUPPLY
-    return task.kind not in others and task.object not in tools
+    other = task.kind == TaskKind.TRANSIT or task.kind in TaskKind.SUPPLY
+    return not other and task.object not in tools
 
 
 def is_product_task(task: Task, tools: Collection[str] = ()) -> bool:

@@ -7,6 +7,7 @@ scheduled at a fixed time, the results equal those of the event engine to the na
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,18 +18,18 @@ from planning.parallel import map_in_parallel, usable_cores
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven, with_full_speed_times
-from twin.bulk.driven_times import driven_times, joined_drives
+from twin.bulk.driven_times import DrawnTimes, driven_times, joined_drives
 from twin.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
-    completions,
     end_times,
     explain_completions,
     makespans,
     policy_graph,
 )
 from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
-from twin.engine.execution_model import ExecutionModel, Messages
+from twin.engine.execution_model import UNLIMITED, ExecutionModel, Messages
+from twin.uncertainty.chain_draws import Standstills
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
@@ -58,42 +59,70 @@ class BulkEngine:
         tpg: plan to execute, with the holds of the model, see ``with_model_holds``.
         model: execution model, with disturbances. Messages take no time, whatever it says, where
             robots keep to limits of acceleration.
+        by_node: whether times are drawn and returned of every node where robots keep to such limits.
 
     Raises:
         PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
     """
 
-    def __init__(self, tpg: TemporalPlanGraph, model: ExecutionModel) -> None:
+    def __init__(
+        self, tpg: TemporalPlanGraph, model: ExecutionModel, *, by_node: bool = False
+    ) -> None:
         free = with_full_speed_times(tpg)
         self._sampler = NodeTimeSampler(free, model.durations, model.disturbances)
-        self.contraction: Contraction = contract_for_bulk(tpg, model)
-        self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
-        self._drive = joined_drives(tpg, self.graph) if is_driven(tpg) else None
         # Open loop there are no messages.
         asking = Messages() if model.policy == "open-loop" else model.messages
         self._ahead = asking.ahead(driven=True)
         self.messages = model.messages.under(model.policy)
+        self._by_node = by_node
+        self._drawn_by = self.contraction = contract_for_bulk(tpg, model)
+        self._drive = joined_drives(tpg) if is_driven(tpg) else None
+        if self._drive is not None:
+            every = self._ahead < UNLIMITED or model.policy == "open-loop"
+            if not (by_node or every):
+                opens = np.diff(self._drive.last, prepend=-1) != 0
+                borders = np.cumsum([len(chain) for chain in tpg.chains])[:-1]
+                self.contraction = contract(tpg, np.split(opens, borders))
+        self._heads = self.contraction.heads()
+        self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
         self._draws = self._sampler.skills
-        self._shares = _shares(self._draws, self.contraction)
-        self._undisturbed = model.disturbances == Disturbances()
+        self._shares = _shares(self._draws, self._drawn_by)
+        own = model.disturbances
+        failing = {k: f for k, f in own.failures.items() if f.probability or f.parts}
+        # Stops at known times draw nothing; callers see to runs that come to one.
+        known = {"emergency_stops": (), "planned_stops": (), "calendar": None}
+        self._undisturbed = own.changed(failures=failing, **known) == Disturbances()
 
     def sample(self, *, seed: int, replications: npt.ArrayLike) -> SegmentTimes:
         """Draw the duration of every segment in some replications."""
         numbers = np.asarray(replications, dtype=np.int64)
         if self._undisturbed:
             totals = self._draws.totals(seed=seed, replications=numbers)
-            none = np.zeros(len(numbers), dtype=np.bool_)
-            return SegmentTimes(self._busy(totals), none)
+            return self._busy(totals)
         return self._sampler.sample_segments(
-            self.contraction, seed=seed, replications=numbers
+            self._drawn_by, seed=seed, replications=numbers
         )
 
     def execute(self, times: SegmentTimes) -> Completions:
         """Return all node times of replications without failed tasks."""
+        return explain_completions(self.graph, *self.node_times(times))
+
+    def node_times(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds]:
+        """Return start and end of every segment in such replications, shape (segments, replications) each [ns]."""
         if self._drive is None:
-            return completions(self.graph, times.busy_ns, self.messages)
-        start, end = self._driven(*self._drawn(times))
-        return explain_completions(self.graph, start.T, end.T)
+            end = end_times(self.graph, times.busy_ns, self.messages)
+            return end - times.busy_ns, end
+        start, end = self._driven(self._drawn(times))
+        return start.T, end.T
+
+    def standstills(self, times: SegmentTimes) -> list[Standstills]:
+        """Return standstills by segment of the contraction."""
+        if self._drawn_by is self.contraction:
+            return list(times.standstills)
+        return [
+            replace(own, node=np.searchsorted(self._heads, own.node, side="right") - 1)
+            for own in times.standstills
+        ]
 
     def makespans(
         self, times: SegmentTimes, messages: Messages | None = None
@@ -109,43 +138,49 @@ class BulkEngine:
         if self._drive is None:
             said = self.messages if messages is None else messages
             return makespans(self.graph, end_times(self.graph, times.busy_ns, said))
-        shares = (np.array_split(own, usable_cores()) for own in self._drawn(times))
-        parts = zip(*shares, strict=True)
-        ends = map_in_parallel(lambda part: self._driven(*part)[1], parts)
+        columns = np.array_split(np.arange(len(times.fails)), usable_cores())
+        parts = (self._drawn(times.some(own)) for own in columns)
+        ends = map_in_parallel(lambda part: self._driven(part)[1], parts)
         return makespans(self.graph, np.concatenate(ends).T)
 
-    def _drawn(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds, Array]:
-        """Return motion time, standstill [ns] and speed override of every node, shape (replications, nodes) each."""
-        motion, stood = times.busy_ns.T, np.zeros(times.busy_ns.T.shape, dtype=np.int64)
-        if times.standstills:
-            stood = np.ascontiguousarray(times.stood_ns().T)
-            motion = motion - stood
-        override = np.ascontiguousarray(times.speed_override.T)
-        return np.ascontiguousarray(motion), stood, override
-
-    def _driven(
-        self, motion: Nanoseconds, stand: Nanoseconds, override: Array
-    ) -> tuple[Nanoseconds, Nanoseconds]:
-        """Return start and end of every node, of the same shape [ns]."""
-        assert self._drive is not None
-        return driven_times(
-            self.graph, self._drive, motion, stand, override, self._ahead
+    def _drawn(self, times: SegmentTimes) -> DrawnTimes:
+        """Return the times of nodes, replications one after another in memory, as they are simulated."""
+        rows, motion = times.rows, times.busy_ns
+        if rows is None:
+            rows = np.arange(len(motion))
+            motion = motion - times.stood_ns() if times.standstills else motion
+        none = np.empty(0, dtype=np.int64)
+        stands = [(none, none, none)]
+        stands += [(own.column, own.node, own.duration_ns) for own in times.standstills]
+        column, node, lasting = map(np.concatenate, zip(*stands, strict=True))
+        order = np.argsort(column, kind="stable")
+        return DrawnTimes(
+            self._shares.fixed,
+            rows,
+            np.ascontiguousarray(motion.T),
+            np.searchsorted(column[order], np.arange(len(times.fails) + 1)),
+            node[order],
+            lasting[order],
+            np.ascontiguousarray(times.speed_override.T),
         )
 
-    def _busy(self, totals: Nanoseconds) -> Nanoseconds:
+    def _driven(self, drawn: DrawnTimes) -> tuple[Nanoseconds, Nanoseconds]:
+        """Return start and end of every segment, shape (replications, segments) each [ns]."""
+        assert self._drive is not None
+        return driven_times(self.graph, self._heads, self._drive, drawn, self._ahead)
+
+    def _busy(self, totals: Nanoseconds) -> SegmentTimes:
         """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
-        shares = self._shares
+        shares, count = self._shares, totals.shape[1]
         drawn, own = np.unique(shares.segment, return_inverse=True)
-        varied = np.repeat(shares.fixed[drawn, None], totals.shape[1], axis=1)
+        varied = np.repeat(shares.fixed[drawn, None], count, axis=1)
         _add_shares(totals, shares._replace(segment=own), varied)
-        if self._drive is None:
-            busy = np.repeat(shares.fixed[:, None], totals.shape[1], axis=1)
-            busy[drawn] = varied
-            return busy
-        # Replications one after another in memory, as they are simulated.
-        busy = np.repeat(shares.fixed[None], totals.shape[1], axis=0)
-        busy[:, drawn] = varied.T
-        return busy.T
+        none = np.zeros(count, dtype=np.bool_)
+        if self._drive is not None and not self._by_node:
+            return SegmentTimes(varied, none, rows=drawn)
+        busy = np.repeat(shares.fixed[:, None], count, axis=1)
+        busy[drawn] = varied
+        return SegmentTimes(busy, none)
 
     def least_makespan_ns(self) -> int:
         """Return the makespan with the shortest possible duration of every skill [ns].
@@ -155,8 +190,7 @@ class BulkEngine:
         totals = np.zeros((len(self._draws.tasks), 1), dtype=np.int64)
         for model, rows in self._draws.groups:
             totals[rows] = to_nanoseconds(model.minimum)
-        times = SegmentTimes(self._busy(totals), np.zeros(1, dtype=np.bool_))
-        return int(self.makespans(times)[0])
+        return int(self.makespans(self._busy(totals))[0])
 
 
 def contract_for_bulk(tpg: TemporalPlanGraph, model: ExecutionModel) -> Contraction:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.kernels import kernel
+from planning.kernels import inner_kernel, kernel
 from planning.transforms import Indices
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import sequential_order, turn_edges
@@ -166,6 +166,24 @@ class Completions:
         return np.asarray(self.chain_end_ns.max(axis=0, initial=0), dtype=np.int64)
 
 
+class CompletionSums(NamedTuple):
+    """Times of replications as in ``Completions``, and sums over them of what else is there.
+
+    Attributes:
+        critical: in how many replications each group of nodes has one on the critical path, shape (groups,).
+        critical_edge: the same for edges, shape (edges,).
+        slack_ns: sum of the least slacks of each group, shape (groups,) [ns].
+    """
+
+    start_ns: Nanoseconds
+    end_ns: Nanoseconds
+    chain_end_ns: Nanoseconds
+    waited_ns: Nanoseconds
+    critical: Indices
+    critical_edge: Indices
+    slack_ns: Nanoseconds
+
+
 def makespans(graph: PrecedenceArrays, end_ns: Nanoseconds) -> Nanoseconds:
     """Return the makespan of every replication from the ends of all nodes, shape (replications,) [ns]."""
     ends = _last_ends(graph, end_ns)
@@ -215,14 +233,6 @@ def end_times(
         past = Past(0, never, never, free)
     ahead = messages.ahead(driven=False)
     return _message_end_times(graph, busy, messages._replace(queue_depth=ahead), past)
-
-
-def completions(
-    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages = AT_ONCE
-) -> Completions:
-    """Return node times, waits and critical paths of every replication; see ``end_times``."""
-    end = end_times(graph, busy_ns, messages)
-    return explain_completions(graph, end - busy_ns, end)
 
 
 @kernel
@@ -297,30 +307,6 @@ def _message_end_times(
     return end
 
 
-@kernel
-def _lower(graph: PrecedenceArrays, end: Nanoseconds, latest: Nanoseconds) -> None:
-    """Compute the latest ends of nodes in a backward pass from the makespan.
-
-    The time of a node counts from the completion of its predecessors: messages in transit and turns
-        leave no slack.
-    """
-    for k in range(len(graph.order) - 1, -1, -1):
-        n = graph.order[k]
-        own = n - 1 if n > graph.first[graph.chain[n]] else -1
-        for r in range(end.shape[1]):
-            since = graph.not_before[n]
-            if own >= 0:
-                since = max(since, end[own, r])
-            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-                since = max(since, end[graph.source[e], r])
-            begin = latest[n, r] - (end[n, r] - since)
-            if own >= 0:
-                latest[own, r] = min(latest[own, r], begin)
-            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-                source = graph.source[e]
-                latest[source, r] = min(latest[source, r], begin)
-
-
 def explain_completions(
     graph: PrecedenceArrays,
     start_ns: Nanoseconds,
@@ -332,81 +318,158 @@ def explain_completions(
         graph: precedence graph.
         start_ns, end_ns: of every node, shape (nodes, replications) [ns].
     """
-    start = np.ascontiguousarray(start_ns, dtype=np.int64)
-    end = np.ascontiguousarray(end_ns, dtype=np.int64)
-    chain_end = _last_ends(graph, end)
-    waited = _waits(graph, start, end)
-    critical, critical_edge = _critical_paths(graph, end, chain_end)
-    latest = np.maximum(chain_end.max(axis=0, initial=0), end)
-    _lower(graph, end, latest)
-    slack = latest - end
-    return Completions(start, end, chain_end, waited, critical, critical_edge, slack)
+    start, end, chain_end, waited = _timed(graph, start_ns, end_ns)
+    critical = np.zeros(end.shape, dtype=np.bool_)
+    critical_edge = np.zeros((len(end), len(graph.source)), dtype=np.bool_)
+    latest = np.empty_like(end)
+    _explain(graph, start, end, chain_end, waited, critical, critical_edge, latest)
+    times = start.T, end.T, chain_end.T, np.moveaxis(waited, 0, -1)
+    return Completions(*times, critical.T, critical_edge.T, (latest - end).T)
+
+
+def sum_completions(
+    graph: PrecedenceArrays,
+    groups: Indices,
+    start_ns: Nanoseconds,
+    end_ns: Nanoseconds,
+) -> CompletionSums:
+    """Return sums over replications; see ``explain_completions``.
+
+    Args:
+        graph: precedence graph.
+        groups: first node of each group of consecutive nodes, shape (groups,).
+        start_ns, end_ns: of every node, shape (nodes, replications) [ns].
+    """
+    start, end, chain_end, waited = _timed(graph, start_ns, end_ns)
+    critical, slack = np.zeros_like(groups), np.zeros_like(groups)
+    edges, borders = np.zeros_like(graph.source), np.append(groups, end.shape[1])
+    _sum(graph, borders, start, end, chain_end, waited, critical, edges, slack)
+    times = start.T, end.T, chain_end.T, np.moveaxis(waited, 0, -1)
+    return CompletionSums(*times, critical, edges, slack)
+
+
+def _timed(
+    graph: PrecedenceArrays, start_ns: Nanoseconds, end_ns: Nanoseconds
+) -> tuple[Nanoseconds, Nanoseconds, Nanoseconds, Nanoseconds]:
+    """Return starts and ends of nodes and ends of chains, a replication's next to each other, and room for waits."""
+    last = _last_ends(graph, end_ns)
+    start, end, chain_end = (
+        np.ascontiguousarray(own.T, dtype=np.int64) for own in (start_ns, end_ns, last)
+    )
+    return start, end, chain_end, np.zeros((*chain_end.shape, 3), dtype=np.int64)
 
 
 @kernel
+def _explain(
+    graph: PrecedenceArrays,
+    start: Nanoseconds,
+    end: Nanoseconds,
+    chain_end: Nanoseconds,
+    waited: Nanoseconds,
+    critical: npt.NDArray[np.bool_],
+    critical_edge: npt.NDArray[np.bool_],
+    latest: Nanoseconds,
+) -> None:
+    """Write waits, critical paths and latest ends, replication by replication.
+
+    Latest ends are those of a backward pass from the makespan. The time of a node counts from the completion of its
+    predecessors: messages in transit and turns leave no slack.
+    """
+    # In a loop numba would count references to arrays of a tuple.
+    first, chain, last, order = graph.first, graph.chain, graph.last, graph.order
+    edge_first, source, cause = graph.edge_first, graph.source, graph.cause
+    not_before = graph.not_before
+    for r in range(len(end)):
+        done = end[r]
+        n, makespan = -1, np.int64(-1)
+        for k in range(len(last)):
+            since = np.int64(0)
+            for m in range(first[k], first[k + 1]):
+                if start[r, m] > since:
+                    edge, met = _latest_source(edge_first, source, cause, done, m)
+                    if edge >= 0 and met > since:
+                        until = min(met, start[r, m])
+                        waited[r, k, int(cause[edge])] += until - since
+                        since = until
+                    waited[r, k, OTHER] += start[r, m] - since
+                since = done[m]
+            if last[k] >= 0 and chain_end[r, k] > makespan:
+                n, makespan = last[k], chain_end[r, k]
+        while n >= 0:
+            critical[r, n] = True
+            own = n - 1 if n > first[chain[n]] else -1
+            since = done[own] if own >= 0 else np.int64(0)
+            edge, met = _latest_source(edge_first, source, cause, done, n)
+            if not_before[n] > max(since, met):
+                break  # started by the clock, not by another node
+            if edge >= 0 and met > since:
+                critical_edge[r, edge] = True
+                own = source[edge]
+            n = own
+        for n in range(len(done)):
+            latest[r, n] = max(makespan, done[n])
+        for k in range(len(order) - 1, -1, -1):
+            n = order[k]
+            own = n - 1 if n > first[chain[n]] else -1
+            since = not_before[n]
+            if own >= 0:
+                since = max(since, done[own])
+            for e in range(edge_first[n], edge_first[n + 1]):
+                since = max(since, done[source[e]])
+            begin = latest[r, n] - (done[n] - since)
+            if own >= 0:
+                latest[r, own] = min(latest[r, own], begin)
+            for e in range(edge_first[n], edge_first[n + 1]):
+                latest[r, source[e]] = min(latest[r, source[e]], begin)
+
+
+@inner_kernel
 def _latest_source(
-    graph: PrecedenceArrays, end: Nanoseconds, n: int, r: int
-) -> tuple[int, int]:
+    edge_first: Indices,
+    source: Indices,
+    cause: npt.NDArray[np.uint8],
+    done: Nanoseconds,
+    n: int,
+) -> tuple[int, np.int64]:
     """Return the edge whose source was complete last, and its time; -1 and 0 without edges."""
-    found, latest, cause = -1, 0, OTHER
-    for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-        done = end[graph.source[e], r]
-        if (
-            found < 0
-            or done > latest
-            or (done == latest and int(graph.cause[e]) < cause)
-        ):
-            found, latest, cause = e, done, int(graph.cause[e])
+    found, latest, why = -1, np.int64(0), OTHER
+    for e in range(edge_first[n], edge_first[n + 1]):
+        met = done[source[e]]
+        if found < 0 or met > latest or (met == latest and int(cause[e]) < why):
+            found, latest, why = e, met, int(cause[e])
     return found, latest
 
 
 @kernel
-def _waits(
-    graph: PrecedenceArrays, start: Nanoseconds, end: Nanoseconds
-) -> Nanoseconds:
-    waited = np.zeros((len(graph.first) - 1, 3, start.shape[1]), np.int64)
-    for n in range(len(graph.order)):
-        chain = graph.chain[n]
-        own = n - 1 if n > graph.first[chain] else -1
-        for r in range(start.shape[1]):
-            since = end[own, r] if own >= 0 else 0
-            if start[n, r] <= since:
-                continue
-            edge, done = _latest_source(graph, end, n, r)
-            if edge >= 0 and done > since:
-                until = min(done, start[n, r])
-                waited[chain, int(graph.cause[edge]), r] += until - since
-                since = until
-            waited[chain, OTHER, r] += start[n, r] - since
-    return waited
-
-
-@kernel
-def _critical_paths(
-    graph: PrecedenceArrays, end: Nanoseconds, last_end: Nanoseconds
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Mark one critical path per replication, from the end back to the start of the run."""
-    critical = np.zeros(end.shape, np.bool_)
-    critical_edge = np.zeros((len(graph.source), end.shape[1]), np.bool_)
-    for r in range(end.shape[1]):
-        n, latest = -1, -1
-        for chain in range(len(graph.first) - 1):
-            last = graph.last[chain]
-            if last >= 0 and last_end[chain, r] > latest:
-                n, latest = last, last_end[chain, r]
-        while n >= 0:
-            critical[n, r] = True
-            own = n - 1 if n > graph.first[graph.chain[n]] else -1
-            since = end[own, r] if own >= 0 else 0
-            edge, done = _latest_source(graph, end, n, r)
-            if graph.not_before[n] > max(since, done):
-                break  # started by the clock, not by another node
-            if edge >= 0 and done > since:
-                critical_edge[edge, r] = True
-                n = graph.source[edge]
-            else:
-                n = own
-    return critical, critical_edge
+def _sum(
+    graph: PrecedenceArrays,
+    borders: Indices,
+    start: Nanoseconds,
+    end: Nanoseconds,
+    chain_end: Nanoseconds,
+    waited: Nanoseconds,
+    critical: Indices,
+    critical_edge: Indices,
+    slack: Nanoseconds,
+) -> None:
+    """Write waits, and add up what else is explained of each replication."""
+    path = np.empty((1, end.shape[1]), np.bool_)
+    edges = np.empty((1, len(critical_edge)), np.bool_)
+    latest = np.empty((1, end.shape[1]), np.int64)
+    for r in range(len(end)):
+        path[:], edges[:] = False, False
+        own = slice(r, r + 1)
+        begun, done, last = start[own], end[own], chain_end[own]
+        _explain(graph, begun, done, last, waited[own], path, edges, latest)
+        for g in range(len(critical)):
+            least, found = np.int64(EVER), False
+            for n in range(borders[g], borders[g + 1]):
+                least = min(least, latest[0, n] - end[r, n])
+                found = found or path[0, n]
+            slack[g] += least
+            critical[g] += found
+        for e in range(len(critical_edge)):
+            critical_edge[e] += edges[0, e]
 
 
 def _last_ends(graph: PrecedenceArrays, end: Nanoseconds) -> Nanoseconds:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from planning.errors import RequestError, ScenarioError, TwinError, join_lines
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
 from scheduling.planned_motions import PlannedMotions
@@ -46,6 +47,8 @@ from twin.studies.replications.workload import Workload
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
+from twin.uncertainty.skill_durations import nominal_ns
+from twin.uncertainty.stop_times import NEVER, draw_stops
 
 Plans = Mapping[str, TemporalPlanGraph]
 """Plans by their names in twin.runs.policies; those of several layouts by plan_key."""
@@ -213,10 +216,19 @@ def workloads(
         text = json.dumps(origin, sort_keys=True)
         made_from = hashlib.sha256(text.encode()).hexdigest()
         load = workload(plans[name], model, scenario.seed, graph=graphs[name])
-        loads.append(
-            replace(load, reasons=reasons, made_from=made_from, operated=operated)
-        )
+        load = replace(load, reasons=reasons, made_from=made_from, operated=operated)
+        known = bool(own.execution.emergency_stops) + own.execution.plans_stops
+        if reasons and len(reasons) == known:  # nothing but stops at known times
+            load = replace(load, bulk_until_ns=bulk_until_ns(load.tpg, model))
+        loads.append(load)
     return loads
+
+
+def bulk_until_ns(tpg: TemporalPlanGraph, model: ExecutionModel) -> int:
+    """Return the begin of the first stop if the plan ends before it as planned, else 0 [ns]."""
+    stops = draw_stops(tpg, model.disturbances, seed=0) or ()
+    first = min((own.stop_after(0)[0] for own in stops), default=NEVER)
+    return first if earliest_times(tpg, nominal_ns(tpg)).makespan < first else 0
 
 
 def workload(

@@ -242,8 +242,8 @@ def summarise_study(
         own = apply_variation(request.scenario, variant)
         load = loads[cell]
         found = _figures(request, blocks, cell, samples[cell])
-        found["engine"] = "events" if load.reasons else "bulk"
-        found["event_engine_because"] = load.reasons
+        found["engine"] = "events" if load.by_events else "bulk"
+        found["event_engine_because"] = load.reasons if load.by_events else ()
         if hits := audits.get(cell):
             found |= _collided(experiment, hits)
         line = line_summary(blocks, cell, load, orders_of(own), confidence)

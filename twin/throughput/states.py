@@ -15,6 +15,7 @@ from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
 from twin.runs.execution_record import ExecutionRecord
+from twin.uncertainty.chain_draws import Standstills
 from twin.uncertainty.stop import StopCode
 
 _BRINGING = (TaskKind.ARRIVE, TaskKind.PRESENT, TaskKind.BROUGHT)
@@ -127,16 +128,20 @@ def run_worker_times(
             if of_cause is not None:
                 of_cause[offset + own.node] += own.duration_ns
         offset += len(chain)
-    stood = np.concatenate(run.stood_ns) - again
+    stood = np.concatenate(run.stood_ns) - again - down
     starts, ends = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
-    starts, ends, stood, down = (own[:, None] for own in (starts, ends, stood, down))
+    nodes, one = np.arange(len(stood)), np.zeros_like(stood)
+    known = (
+        Standstills("breakdown", nodes, one, down),
+        Standstills("stall", nodes, one, stood),
+    )
     clocks = [run.pace(k).own for k in range(len(tpg.chains))]
-    found = worker_times(tpg, starts, ends, stood, down, clocks)
+    found = worker_times(tpg, starts[:, None], ends[:, None], known, clocks)
     for place, k in enumerate(worker_chains(tpg)):
-        known = run.stopped_by_code_ns[k] if run.stopped_by_code_ns else {}
-        for code, lasts in known.items():
+        by_code = run.stopped_by_code_ns[k] if run.stopped_by_code_ns else {}
+        for code, lasts in by_code.items():
             found.state_ns[place, _INDEX[_STATE_OF_STOP[code]]] += lasts
-        left = run.stopped_ns(k, run.makespan_ns) - sum(known.values())
+        left = run.stopped_ns(k, run.makespan_ns) - sum(by_code.values())
         found.state_ns[place, _INDEX[State.STOPPED]] += left
     if not names:
         return found
@@ -155,8 +160,7 @@ def worker_times(
     tpg: TemporalPlanGraph,
     start_ns: Nanoseconds,
     end_ns: Nanoseconds,
-    stood_ns: Nanoseconds,
-    down_ns: Nanoseconds,
+    standstills: Sequence[Standstills],
     clocks: Sequence[Callable[[Nanoseconds], Nanoseconds]] = (),
 ) -> WorkerTimes:
     """Return the times of replications that were executed as planned.
@@ -167,11 +171,11 @@ def worker_times(
     Args:
         tpg: the executed plan, contracted or not.
         start_ns, end_ns: of every node through all chains, shape (nodes, replications) [ns].
-        stood_ns: standstills in each node, without failed attempts, of the same shape [ns].
-        down_ns: those of them that are breakdowns [ns].
+        standstills: of the nodes, which are numbered through all chains.
         clocks: of each chain, from the time of the run to its own, which halts during stops; none without stops.
     """
     workers, total = worker_chains(tpg), end_ns.max(axis=0, initial=0)
+    standstills = [own for own in standstills if own.cause != "retry"]
     first, machines = np.cumsum([0, *map(len, tpg.chains)]), tpg.working_machines()
     targets, latest, state = _binding_edges(tpg, first, end_ns)
     setup, never = _setup_nodes(tpg), np.zeros_like(total)
@@ -195,8 +199,16 @@ def worker_times(
             here = state[edges] == _INDEX[cause]
             spent[cause] = np.where(here, wait, 0).sum(axis=0)
         spent[State.BLOCKED] = spent[State.BLOCKED] + _sum(own(taken)) - _sum(own(done))
-        stands, broken = _sum(stood_ns[rows]), _sum(down_ns[rows])
-        changes = _sum(own(done[sets]) - own(begun[sets]) - stood_ns[rows][sets])
+        stands, broken, still = (np.zeros_like(total) for _ in range(3))
+        for group in standstills:
+            mine = (group.node >= first[k]) & (group.node < first[k + 1])
+            for which, into in (
+                (mine, stands),
+                (mine & (group.cause == "breakdown"), broken),
+                (mine & setup[group.node], still),
+            ):
+                np.add.at(into, group.column[which], group.duration_ns[which])
+        changes = _sum(own(done[sets]) - own(begun[sets])) - still
         work = _sum(own(done)) - _sum(own(begun)) - stands
         spent[State.SETUP] = spent[State.SETUP] + changes
         spent[State.WORKING] = work - changes
@@ -213,7 +225,7 @@ def _sum(values: Nanoseconds) -> Nanoseconds:
 
 def _binding_edges(
     tpg: TemporalPlanGraph, first: Indices, end_ns: Nanoseconds
-) -> tuple[Indices, Nanoseconds, Indices]:
+) -> tuple[Indices, Nanoseconds, npt.NDArray[np.int8]]:
     """Return the nodes with edges into them, when the last source of each was complete, and what waiting for it is."""
     a, m, b, n = tpg.edges.T
     target = first[b] + n
@@ -224,28 +236,36 @@ def _binding_edges(
     kinds |= dict.fromkeys(_CLEARING, State.BLOCKED)
     kinds[TaskKind.CHANGEOVER] = State.SETUP
     of_task = [_INDEX[kinds.get(t.kind, State.STARVED)] for t in tpg.tasks]
-    conflict = tpg.cause[order] == MOTION_CONFLICT
-    of_edge = np.where(conflict, _INDEX[State.BLOCKED], np.array(of_task)[task[source]])
+    of_edge = np.array(of_task, dtype=np.int8)[task[source]]
+    of_edge[tpg.cause[order] == MOTION_CONFLICT] = _INDEX[State.BLOCKED]
     groups = np.flatnonzero(np.diff(target, prepend=-1))
-    counts, done = np.diff(groups, append=len(target)), end_ns[source]
-    if not len(groups):
-        return target, done, done
-    last = np.maximum.reduceat(done, groups, axis=0)
-    binds = done == np.repeat(last, counts, axis=0)
-    which = np.where(binds, of_edge[:, None], len(STATES))
-    return target[groups], last, np.minimum.reduceat(which, groups, axis=0)
+    counts, last = np.diff(groups, append=len(target)), end_ns[source[groups]]
+    state = np.repeat(of_edge[groups, None], last.shape[1], axis=1)
+    # Of nodes with several edges all first ones, then all second ones, and so on.
+    several = [np.flatnonzero(counts > max(k, 1)) for k in range(counts.max(initial=0))]
+    for k, own in enumerate(several):
+        last[own] = np.maximum(last[own], end_ns[source[groups[own] + k]])
+        state[own] = len(STATES)
+    for k, own in enumerate(several):
+        edge = groups[own] + k
+        binds = end_ns[source[edge]] == last[own]
+        better = np.minimum(state[own], of_edge[edge, None])
+        state[own] = np.where(binds, better, state[own])
+    return target[groups], last, state
 
 
 def _setup_nodes(tpg: TemporalPlanGraph) -> npt.NDArray[np.bool_]:
     """Tell which nodes are changeovers, handle a tool at its rack or bring a robot there, shape (nodes,)."""
     tools = changed_tools(tpg.tasks)
+    changes = np.array(
+        [t.kind == TaskKind.CHANGEOVER or t.object in tools for t in tpg.tasks]
+    )
+    transits = np.array([t.kind == TaskKind.TRANSIT for t in tpg.tasks])
     found = []
     for chain in tpg.chains:
-        tasks = [tpg.tasks[k] for k in chain.task.tolist()]
-        changes = (task.kind == TaskKind.CHANGEOVER for task in tasks)
-        sets = [c or t.object in tools for c, t in zip(changes, tasks, strict=True)]
-        for n in range(len(tasks) - 2, -1, -1):
-            sets[n] |= sets[n + 1] and tasks[n].kind == TaskKind.TRANSIT
+        sets, ways = changes[chain.task].tolist(), transits[chain.task].tolist()
+        for n in range(len(sets) - 2, -1, -1):
+            sets[n] |= sets[n + 1] and ways[n]
         found.append(np.array(sets, dtype=np.bool_))
     return np.concatenate(found)
 

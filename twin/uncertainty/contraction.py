@@ -37,6 +37,12 @@ class Contraction:
         """Return a graph with every node as a segment of its own."""
         return cls(tpg, tuple(np.arange(len(own) + 1) for own in tpg.chains))
 
+    def heads(self) -> Indices:
+        """Return the first node of each segment and the number of nodes, which are numbered through."""
+        ends = np.cumsum([0, *(first[-1] for first in self.first)])
+        own = (f[:-1] + end for f, end in zip(self.first, ends, strict=False))
+        return np.concatenate([*own, ends[-1:]])
+
     def sums(self, values: Sequence[Nanoseconds]) -> tuple[Nanoseconds, ...]:
         """Return the sums of node values over segments, per chain."""
         return tuple(

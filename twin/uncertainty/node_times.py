@@ -129,20 +129,27 @@ class SegmentTimes:
             through, chain by chain.
         speed_override: share of planned speed at which nodes are executed, shaped as ``busy_ns``;
             of shape (0, 0) where it is 1 for all, and for robots without limits of acceleration.
+        rows: the segments that ``busy_ns`` is of, without standstills, where others do not vary; None for all,
+            with standstills.
     """
 
     busy_ns: Nanoseconds
     fails: npt.NDArray[np.bool_]
     standstills: tuple[Standstills, ...] = ()
     speed_override: Array = field(default_factory=lambda: np.empty((0, 0)))
+    rows: Indices | None = None
 
     def completing(self) -> SegmentTimes:
         """Keep the replications in which no task fails for good."""
-        well = ~self.fails
-        place = np.cumsum(well) - 1
+        return self.some(np.flatnonzero(~self.fails)) if self.fails.any() else self
+
+    def some(self, columns: Indices) -> SegmentTimes:
+        """Keep some replications, in ascending order."""
+        place = np.full(len(self.fails), -1)
+        place[columns] = np.arange(len(columns))
         kept = []
         for group in self.standstills:
-            own = well[group.column]
+            own = place[group.column] >= 0
             kept.append(
                 Standstills(
                     group.cause,
@@ -153,9 +160,13 @@ class SegmentTimes:
             )
         override = self.speed_override
         if len(override):
-            override = override[:, well]
+            override = override[:, columns]
         return SegmentTimes(
-            self.busy_ns[:, well], self.fails[well], tuple(kept), override
+            self.busy_ns[:, columns],
+            self.fails[columns],
+            tuple(kept),
+            override,
+            self.rows,
         )
 
     def stood_ns(self, cause: Cause | None = None) -> Nanoseconds:

@@ -31,8 +31,9 @@ from tests.twin.simulated import assert_same_ends, run_bulk, watched
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.bulk.bulk_engine import BulkEngine
 from twin.bulk.max_plus import (
+    Completions,
     Past,
-    completions,
+    PrecedenceArrays,
     end_times,
     explain_completions,
     makespans,
@@ -368,6 +369,11 @@ def test_nothing_is_held_back_where_nothing_asks_for_it() -> None:
 
 
 REPLICATIONS = 70
+
+
+def completions(graph: PrecedenceArrays, busy: Nanoseconds) -> Completions:
+    end = end_times(graph, busy)
+    return explain_completions(graph, end - busy, end)
 
 
 def _busy(seed: int, nodes: int, longest: int = 5) -> Nanoseconds:

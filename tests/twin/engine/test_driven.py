@@ -111,14 +111,17 @@ def assert_inside_cleared_nodes(
 def assert_engines_agree(
     tpg: TemporalPlanGraph, model: ExecutionModel, seed: int
 ) -> None:
-    """Check that both engines start and end every node in the same nanosecond."""
-    engine = BulkEngine(tpg, model)
-    found = engine.execute(engine.sample(seed=seed, replications=range(4)))
+    """Check that both engines start and end every node, or segment of nodes, in the same nanosecond."""
     simulator = Simulator(tpg, model)
-    for k in range(4):
-        run = simulator.run(seed=seed, replication=k)
-        assert np.concatenate(run.start_ns).tolist() == found.start_ns[:, k].tolist()
-        assert np.concatenate(run.end_ns).tolist() == found.end_ns[:, k].tolist()
+    runs = [simulator.run(seed=seed, replication=k) for k in range(4)]
+    for by_node in (True, False):
+        engine = BulkEngine(tpg, model, by_node=by_node)
+        found = engine.execute(engine.sample(seed=seed, replications=range(4)))
+        heads = engine.contraction.heads()
+        for k, run in enumerate(runs):
+            start, end = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
+            assert start[heads[:-1]].tolist() == found.start_ns[:, k].tolist()
+            assert end[heads[1:] - 1].tolist() == found.end_ns[:, k].tolist()
 
 
 def assert_takes_as_planned(

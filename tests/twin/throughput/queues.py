@@ -99,8 +99,7 @@ def replicate(
     engine = BulkEngine(tpg, ExecutionModel(SkillDurations(durations)))
     drawn = engine.sample(seed=3, replications=range(count))
     found, own = engine.execute(drawn), engine.contraction.tpg
-    none = np.zeros_like(found.start_ns)
-    spent = worker_times(own, found.start_ns, found.end_ns, none, none)
+    spent = worker_times(own, found.start_ns, found.end_ns, ())
     assert np.array_equal(
         spent.state_ns.sum(axis=1),
         np.broadcast_to(found.makespan_ns, spent.planned_ns.shape),

@@ -135,8 +135,7 @@ def test_each_instant_is_in_one_state(seed: int, stops: bool) -> None:
             np.concatenate(own)[:, None].repeat(2, axis=1)
             for own in (run.start_ns, run.end_ns)
         )
-        none = np.zeros_like(start)
-        again = worker_times(tpg, start, end, none, none)
+        again = worker_times(tpg, start, end, ())
         assert np.array_equal(again.state_ns, found.state_ns.repeat(2, axis=2))
 
 

@@ -138,7 +138,7 @@ class Replay:
             times = sampler.sample_segments(cut, seed=load.seed, replications=numbers)
             graph = graph_until_work_ends(cut.tpg, policy_graph(cut.tpg, model.policy))
         else:
-            self._bulk = BulkEngine(load.tpg, model)
+            self._bulk = BulkEngine(load.tpg, model, by_node=True)
             cut = self._bulk.contraction
             times = self._bulk.sample(seed=load.seed, replications=numbers)
             graph = graph_until_work_ends(cut.tpg, self._bulk.graph)

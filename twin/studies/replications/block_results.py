@@ -31,7 +31,7 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from scheduling.graph.windows import window_gaps
-from twin.bulk.max_plus import Completions
+from twin.bulk.max_plus import CompletionSums
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import OTHER
 from twin.operations.replicated.operating import OperatedRows, OperatingWorkload
@@ -98,7 +98,10 @@ class ReplicationRows:
     operated: OperatedRows | None = None
 
     def fill(
-        self, which: npt.NDArray[np.bool_], found: Completions, tpg: TemporalPlanGraph
+        self,
+        which: npt.NDArray[np.bool_],
+        found: CompletionSums,
+        tpg: TemporalPlanGraph,
     ) -> None:
         """Enter the results of completed replications.
 
@@ -109,7 +112,7 @@ class ReplicationRows:
         """
         robots, machines = worker_chains(tpg)
         self.outcome[which] = COMPLETED
-        self.makespan_ns[which] = found.makespan_ns
+        self.makespan_ns[which] = found.chain_end_ns.max(axis=0, initial=0)
         busy = found.chain_end_ns - found.waited_ns.sum(axis=1)
         self.busy_ns[:, which] = 0
         names = [tpg.chains[k].robot for k in (*robots, *machines)]
@@ -175,7 +178,7 @@ class TaskTally:
 
 @dataclass(frozen=True)
 class TaskGroups:
-    """Nodes of every task; nodes of all chains are numbered through.
+    """Nodes of every task, each a group of ``sum_completions``; nodes of all chains are numbered through.
 
     Attributes:
         task: index of each task that has nodes, in the order of its nodes, shape (tasks,).
@@ -187,18 +190,16 @@ class TaskGroups:
     first: Indices
     last: Indices
 
-    def tally(self, replications: Indices, found: Completions) -> TaskTally:
-        """Sum up completed replications."""
+    def tally(self, replications: Indices, found: CompletionSums) -> TaskTally:
+        """Return sums over completed replications, and task times of the first of them."""
         kept = replications < min(KEPT, max(_FEWEST, _MOST_KEPT // len(self.task)))
-        critical = np.logical_or.reduceat(found.critical, self.first, axis=0)
-        slack = np.minimum.reduceat(found.slack_ns, self.first, axis=0).sum(axis=1)
         return TaskTally(
             len(replications),
-            critical.sum(axis=1).astype(np.int64),
-            found.critical_edge.sum(axis=1).astype(np.int64),
-            slack,
-            np.ascontiguousarray(found.start_ns[self.first][:, kept].T),
-            np.ascontiguousarray(found.end_ns[self.last][:, kept].T),
+            found.critical,
+            found.critical_edge,
+            found.slack_ns,
+            found.start_ns.T[np.ix_(kept, self.first)],
+            found.end_ns.T[np.ix_(kept, self.last)],
         )
 
 
@@ -273,7 +274,7 @@ def block_result(
     block: Block,
     rows: ReplicationRows,
     well: npt.NDArray[np.bool_],
-    found: Completions,
+    found: CompletionSums,
     tpg: TemporalPlanGraph,
 ) -> BlockResult:
     """Return the result of a block, with the rows of completed replications.

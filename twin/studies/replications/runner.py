@@ -28,7 +28,7 @@ from twin.studies.replications.workload import Workload, compute_block, pack_wor
 BULK_BLOCK, EVENTS_BLOCK = 500, 20
 """Replications of a block, by engine: about as much work as is worth sending away."""
 
-_MOST_TASKS = 3_000_000
+_MOST_TASKS = 5_000_000
 """Tasks of all replications of a block that are computed side by side."""
 
 _log = logging.getLogger(__name__)
@@ -94,7 +94,7 @@ def run_replications(
 
 def _block_size(load: Workload) -> int:
     """Return a number of replications per block that balances overhead and memory."""
-    if load.reasons or load.operated is not None:
+    if load.by_events or load.operated is not None:
         return EVENTS_BLOCK
     return max(1, min(BULK_BLOCK, _MOST_TASKS // max(len(load.tpg.tasks), 1)))
 

@@ -18,10 +18,10 @@ import numpy.typing as npt
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.bulk.bulk_engine import BulkEngine
 from twin.bulk.max_plus import (
-    Completions,
+    CompletionSums,
     PrecedenceArrays,
-    explain_completions,
     policy_graph,
+    sum_completions,
 )
 from twin.durations.nanoseconds import Nanoseconds
 from twin.engine.engine import Simulator
@@ -38,6 +38,7 @@ from twin.studies.replications.block_results import (
     block_result,
     empty_rows,
     joined_parts,
+    task_groups,
 )
 from twin.studies.replications.experiment import Block
 from twin.throughput.states import (
@@ -61,6 +62,7 @@ class Workload:
         execution: execution model, with disturbances.
         seed: seed of the draws.
         reasons: why only the event engine can execute it; empty if both engines can.
+        bulk_until_ns: the bulk engine executes blocks of which all end before nevertheless [ns].
         made_from: hash of scenario, plan, policy, variant, files and versions, saved with the results of
             replications.
         free: the plan without holding back, executed with the same draws to be compared
@@ -75,6 +77,12 @@ class Workload:
     made_from: str = ""
     free: TemporalPlanGraph | None = None
     operated: OperatingWorkload | None = None
+    bulk_until_ns: int = 0
+
+    @property
+    def by_events(self) -> bool:
+        """Tell whether the event engine executes all replications."""
+        return bool(self.reasons) and self.bulk_until_ns == 0
 
 
 def pack_workload(workload: Workload) -> bytes:
@@ -124,7 +132,7 @@ class Engines:
         return Engines(replace(load, tpg=free, free=None, execution=model))
 
     def _compute(self, block: Block) -> BlockResult:
-        if self.workload.reasons:
+        if self.workload.by_events:
             return self._by_events(block)
         try:
             return self._in_bulk(block)
@@ -133,17 +141,18 @@ class Engines:
             return self._by_events(block)
 
     def _in_bulk(self, block: Block) -> BlockResult:
-        """Execute a block in bulk; replications with failed tasks by the event engine."""
+        """Execute a block in bulk; replications with failed tasks by the event engine, and all if some come to a stop."""
         load, bulk = self.workload, self._bulk
         rows = self._rows(block, "bulk")
         times = bulk.sample(seed=load.seed, replications=rows.replication)
         whole, tpg = times.completing(), bulk.contraction.tpg
-        found, parts = bulk.execute(whole), list[LineTimes]()
-        line = self._line(tpg)
-        if (made := product_times(line, found.start_ns, found.end_ns)) is not None:
-            stood = whole.stood_ns() - whole.stood_ns("retry")
-            standing = stood, whole.stood_ns("breakdown")
-            spent = worker_times(tpg, found.start_ns, found.end_ns, *standing)
+        ran = bulk.node_times(whole)
+        if load.reasons and ran[1].max(initial=0) >= load.bulk_until_ns:
+            return self._by_events(block)
+        first, parts = task_groups(tpg).first, list[LineTimes]()
+        found = sum_completions(bulk.graph, first, *ran)
+        if (made := product_times(self._line(tpg), *ran)) is not None:
+            spent = worker_times(tpg, *ran, bulk.standstills(whole))
             parts.append((made, spent))
         for place in np.flatnonzero(times.fails).tolist():
             self._by_event(rows, place, parts)
@@ -159,8 +168,9 @@ class Engines:
             [-1 if run is None else run.replication for run in runs],
             [run.replication for run in done],
         )
-        found = explain_completions(
+        found = sum_completions(
             self._node_graph,
+            task_groups(self.workload.tpg).first,
             _columns([run.start_ns for run in done], len(self._node_graph.order)),
             _columns([run.end_ns for run in done], len(self._node_graph.order)),
         )
@@ -178,7 +188,7 @@ class Engines:
         block: Block,
         rows: ReplicationRows,
         well: npt.NDArray[np.bool_],
-        found: Completions,
+        found: CompletionSums,
         tpg: TemporalPlanGraph,
         parts: Sequence[LineTimes],
     ) -> BlockResult:
@@ -286,7 +296,8 @@ class Engines:
             nodes = len(graph.order)
             times = _columns([run.start_ns], nodes), _columns([run.end_ns], nodes)
             which = np.arange(len(rows.outcome)) == place
-            rows.fill(which, explain_completions(graph, *times), tpg)
+            first = task_groups(tpg).first
+            rows.fill(which, sum_completions(graph, first, *times), tpg)
         return None
 
 

@@ -5,25 +5,46 @@ import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from planning.errors import TwinError
+from tests.twin.drawn_runs import VARIED
+from tests.twin.driven_toys import driven_tpg
 from tests.twin.studies.study_toys import toy_workload
+from tests.twin.twin_toys import random_tpg
 from twin.engine.execution_model import ExecutionModel
 from twin.studies.folder import write_replications
+from twin.studies.plans import bulk_until_ns
 from twin.studies.replications import runner
-from twin.studies.replications.block_results import blocks_done, read_block
+from twin.studies.replications.block_results import (
+    BlockResult,
+    blocks_done,
+    read_block,
+)
 from twin.studies.replications.executors import InProcess, open_executor
 from twin.studies.replications.experiment import Block, Experiment
 from twin.studies.replications.runner import run_replications
 from twin.studies.replications.statistics import Precision
-from twin.studies.replications.workload import Workload, compute_block, pack_workload
-from twin.uncertainty.disturbances import Disturbances, SkillFailure
+from twin.studies.replications.workload import (
+    Engines,
+    Workload,
+    compute_block,
+    pack_workload,
+)
+from twin.uncertainty.disturbances import (
+    Disturbances,
+    EmergencyStop,
+    SkillFailure,
+    Stalls,
+)
 from twin.uncertainty.skill_durations import SkillDurations
 
 TWO = Experiment(("asynchronous", "sequential"), replications=70)
@@ -176,20 +197,59 @@ def test_workers_stay_from_one_step_of_sampling_to_the_next(tmp_path: Path) -> N
     assert opened == ["opened", "closed"]
 
 
-def test_engines_fill_the_same_rows(tmp_path: Path) -> None:
-    bulk = compute_block(pack_workload(toy_workload()), Block(0, 3, 9))
-    events = compute_block(
-        pack_workload(toy_workload(reasons=("asked",))), Block(0, 3, 9)
-    )
+def assert_same_results(ours: BlockResult, theirs: BlockResult) -> None:
+    columns = ours.rows.columns(), theirs.rows.columns()
+    for name in columns[0].keys() - {"engine"}:
+        assert columns[0][name].tolist() == columns[1][name].tolist(), name
+    for part in ("tally", "products", "workers"):
+        ours_of, theirs_of = (vars(getattr(own, part)) for own in (ours, theirs))
+        for name, values in ours_of.items():
+            assert np.array_equal(values, theirs_of[name]), name
+
+
+def line_workload(seed: int, *, driven: bool, stalls: int = 0) -> Workload:
+    """Return a workload of two products that robots make, within limits of acceleration or not."""
+    toy = driven_tpg if driven else random_tpg
+    tpg = toy(seed, dofs=(2, 2, 3), tasks=12, nodes_per_transit=9, edges=24)
+    works = np.flatnonzero([task.kind != "transit" for task in tpg.tasks])
+    products = np.zeros(len(tpg.tasks), dtype=np.int64)
+    products[works] = np.arange(len(works)) % 2 + 1
+    stands = Stalls(count_per_robot=stalls, duration_s=(0.1, 3.0))
+    disturbances = Disturbances(stalls=stands)
+    model = ExecutionModel(SkillDurations(VARIED.models), disturbances=disturbances)
+    return Workload(replace(tpg, products=products), model, 5)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10**6), st.booleans(), st.sampled_from([0, 0, 2]))
+def test_engines_fill_the_same_rows(seed: int, driven: bool, stalls: int) -> None:
+    load = line_workload(seed, driven=driven, stalls=stalls)
+    bulk = Engines(load).compute(Block(0, 3, 6))
+    events = Engines(replace(load, reasons=("asked",))).compute(Block(0, 3, 6))
     assert (bulk.rows.engine, events.rows.engine) == ("bulk", "events")
-    ours, theirs = bulk.rows.columns(), events.rows.columns()
-    for name in ours.keys() - {"engine"}:
-        assert ours[name].tolist() == theirs[name].tolist(), name
-    for name in ("critical", "critical_edges", "slack_ns", "start_ns", "end_ns"):
-        ours, theirs = getattr(bulk.tally, name), getattr(events.tally, name)
-        assert ours.tolist() == theirs.tolist(), name
+    assert_same_results(bulk, events)
     assert bulk.tally.slack_ns.min() >= 0
     assert bulk.tally.slack_ns.max() > 0
+
+
+@pytest.mark.parametrize("driven", [False, True])
+def test_stops_that_no_replication_comes_to_leave_the_bulk_engine(driven: bool) -> None:
+    load, block = line_workload(4, driven=driven), Block(0, 0, 6)
+    ends = np.sort(Engines(load).compute(block).rows.makespan_ns)
+    for end, engine in ((ends[-1] + 1, "bulk"), (ends[-1], "events")):
+        stop = EmergencyStop(at_s=end / 1e9, duration_s=5.0)
+        model = replace(
+            load.execution, disturbances=Disturbances(emergency_stops=(stop,))
+        )
+        own = replace(load, execution=model, reasons=("stops",))
+        until = bulk_until_ns(own.tpg, model)
+        assert until == end
+        found = Engines(replace(own, bulk_until_ns=until)).compute(block)
+        assert found.rows.engine == engine
+        assert_same_results(found, Engines(own).compute(block))
+    early = EmergencyStop(at_s=1.0, duration_s=5.0)
+    model = replace(load.execution, disturbances=Disturbances(emergency_stops=(early,)))
+    assert bulk_until_ns(load.tpg, model) == 0
 
 
 def test_failed_tasks_are_rows_and_lose_no_other(tmp_path: Path) -> None:
