@@ -37,6 +37,7 @@ from twin.operations.operation import Operation
 from twin.runs.events import Event
 from twin.runs.trajectory import object_placements
 from twin.scenario.sections.kind import assembly_kind
+from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario, with_failures
 
@@ -72,6 +73,18 @@ def _inspected() -> str:
         r"(    washing: \{)": "    inspect: {duration: {kind: fixed, value_s: 3}, machine: gauge}\n\\1",
         r"(process: milling, at: \{part: blank\})(\})": "\\1, name: milled\\2\n    - {process: inspect, at: {part: blank}}",
         r"(    - \{name: table)": f"    - {crate}\n\\1",
+    }.items():
+        text, count = re.subn(old, new, text)
+        assert count == 1, old
+    return text
+
+
+def _looked_at() -> str:
+    """Return machine tending in which the cart inspects what it has put onto a tray."""
+    text = _shipped("assembly/machine_tending")
+    for old, new in {
+        r"(    washing: \{)": "    inspect: {duration: {kind: fixed, value_s: 3}}\n\\1",
+        r"(    - \{place: blank, robots: \[cart\]\}\n)": "\\1    - {process: inspect, at: {part: blank, pose: {xyz_m: [0, 0, 0.05]}}, robots: [cart]}\n",
     }.items():
         text, count = re.subn(old, new, text)
         assert count == 1, old
@@ -115,6 +128,19 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
             "assembly.products": {"count": 3, "spare": 1},
             "machines": {},
             "recovery.bin": {"fixture": "crate", "pose": {"xyz_m": [0, 0, 0.35]}},
+        },
+    ),
+    "rejecting on trays": (
+        _looked_at,
+        {
+            "assembly.products": {
+                "count": 3,
+                "spare": 1,
+                "places": {"counts": [2, 1], "pitch_m": [0.15, 0.15]},
+                "leave_s": 5,
+            },
+            "machines": {},
+            "recovery.bin": "person",
         },
     ),
     "magazine": (_magazine, {}),
@@ -193,8 +219,8 @@ def drawn_values(name: str, seed: int) -> Values:
     for skill in sorted(every):
         values[f"failures.{skill}"] = _failure(draw, skill, case.sections.processes)
     if name.startswith("rejecting"):
-        line = name.endswith("line")
-        works = ["milled"] if line else ["first", "second", "third"]
+        line = {"rejecting in a line": ["milled"], "rejecting on trays": []}
+        works = line.get(name, ["first", "second", "third"])
         values["failures.inspect"] |= _rejects(np.random.default_rng(seed), works)
     values["recovery.again"] = int(draw.integers(0, 4))
     values["recovery.planning_s"] = float(draw.choice([0.0, 1.0, 8.0]))
@@ -292,6 +318,7 @@ def problems_of(
         *_order(done),
         *_ends(done, events, values, _whole(name)),
         *_untold(done, plan, _whole(name)),
+        *_absent(done, case),
     ]
     found += [f"verify: {words}" for words in verify_plan(done.tpg).problems]
     if audit:
@@ -370,6 +397,20 @@ def _untold(done: Operation, plan: PlanResult, whole: PlanResult) -> Iterator[st
         if filled == (step in undone):
             state = "filled and undone" if filled else "neither filled nor told"
             yield f"the goal of step {step} is {state}"
+
+
+def _absent(done: Operation, case: LoadedScenario) -> Iterator[str]:
+    """Yield processes that robots did at a part that was in a hand or not there."""
+    placements, chains = object_placements(done.tpg, done.record), done.tpg.chain_index
+    for task in done.tpg.tasks:
+        k = chains.get(task.robot)
+        if task.kind not in case.sections.processes or not task.object or k is None:
+            continue
+        node = int(np.argmax(done.tpg.chains[k].task == task.index))
+        begin = int(done.record.start_ns[k][node])
+        own = [p for p in placements if p.object == task.object and p.t_ns <= begin]
+        if not own or own[-1].holder is not None:
+            yield f"task {task.index}, {task.label}: {task.object} is not there"
 
 
 def _goals(whole: PlanResult) -> dict[int, np.ndarray]:

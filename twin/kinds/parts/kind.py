@@ -56,6 +56,9 @@ _GREY_BLUE = (196, 214, 226)
 _ROUNDING = 0.001
 """Rounding tolerance of the depth of joined parts [m]."""
 
+_TOGETHER = 2
+"""Most groups of products that are planned together, see ``PartKind._line_units``."""
+
 ORDERS = "orders tried"
 """Name of the stage for progress displays."""
 
@@ -204,7 +207,7 @@ class PartKind(AssemblyKind):
         from twin.kinds.parts.ordered_parts import OrderedParts
 
         return miss_probabilities(
-            OrderedParts(with_all_tools_mounted(cell), self.section), robots
+            OrderedParts(with_all_tools_mounted(cell), self.section, self.line), robots
         )
 
     def default_durations(self) -> Mapping[str, AnyDuration]:
@@ -321,22 +324,26 @@ class PartKind(AssemblyKind):
             return (self,)
         return tuple(replace(self, unit=unit) for unit in found.units)
 
+    def distinct(self) -> PartKind:
+        """Return the first products of several variants, among which are all that differ."""
+        from twin.kinds.parts.units import distinct_products
+
+        if not self.variants():
+            return self
+        return replace(self, unit=distinct_products(self.section.model_dump_json()))
+
     def _line_units(self) -> LineUnits | None:
         """Return the units of products of several variants, None where products are planned together.
 
-        They are where batches interleave them, where places of a grid are taken by turns, and where the work in
-        progress is bounded.
+        Few groups of products that batches interleave are, as they overlap better.
         """
         from twin.kinds.parts.units import line_units
 
-        products, steps = self.section.products, self.section.steps
-        if self.whole or not self.variants() or self._order:
+        if self.whole or not self.variants():
             return None
-        if products is None or products.in_progress:
-            return None
-        if any(step.at and step.at.grid for step in steps):
-            return None
-        return line_units(self.section.model_dump_json())
+        found = line_units(self.section.model_dump_json())
+        single = all(unit.period == 1 for unit in found.units)
+        return found if single or len(found.order) > _TOGETHER else None
 
     def all_products(self, plans: Sequence[TemporalPlanGraph]) -> TemporalPlanGraph:
         """Return the plan of all products from those of the units, or from that of the first ones."""

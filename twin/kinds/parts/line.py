@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import takewhile
+from itertools import accumulate, takewhile
 from typing import TypeVar
 
 import numpy as np
@@ -117,6 +117,7 @@ class Line:
         changeover_times: durations of the changeovers.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
         places: what the place of each part in a tray or a stack is called.
+        pauses: after how many products and steps, from 1, all that are begun are complete.
     """
 
     section: PartsSection
@@ -130,6 +131,7 @@ class Line:
     changeover_times: tuple[SkillOverride, ...] = ()
     alike: tuple[AlikeParts, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
+    pauses: tuple[tuple[int, int], ...] = ()
 
     @cached_property
     def lags(self) -> Mapping[int, tuple[TimeLag, ...]]:
@@ -357,7 +359,17 @@ class _Writer:
                 for item, duration in changeovers
             ),
             places=sourced,
+            pauses=tuple(self._pauses()),
         )
+
+    def _pauses(self) -> Iterator[tuple[int, int]]:
+        """Yield how many products and steps are complete when no product is begun and not complete."""
+        begun, ends = 0, Counter(self.ends)
+        complete = accumulate(ends[k] for k in range(1, len(self.order) + 1))
+        for step, done in enumerate(complete, start=1):
+            begun = max(begun, *(product for product, _ in self.order[step - 1]))
+            if begun == done:
+                yield done, step
 
     def _period(self) -> int:
         """Return the period: number of products after which all sources are full and places and machines empty.

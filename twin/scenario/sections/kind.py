@@ -157,6 +157,10 @@ class AssemblyKind(Protocol):
         """Return the same with every product planned by itself, where plans else repeat after the first ones."""
         return self
 
+    def distinct(self) -> Self:
+        """Return the assembly with no more products than are needed to check all that differ."""
+        return self
+
     def units(self) -> tuple[Self, ...]:
         """Return what is planned by itself, each as an assembly from HOME to HOME, to be executed as often as needed."""
         return (self,)
