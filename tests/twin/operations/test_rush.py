@@ -25,6 +25,7 @@ from tests.twin.operations.operated import (
 )
 from tests.twin.planning.test_variants import BOTH, mix
 from tests.twin.written import loaded, refusal
+from twin.kinds.parts.kind import PartKind
 from twin.kinds.parts.line import write_out_line
 from twin.kinds.parts.section import PartsSection
 from twin.throughput.throughput import run_product_times, seconds
@@ -38,7 +39,12 @@ LONG = {"at_s": 5.0, "variant": "long", "due_s": 50.0}
 def rushed(folder: Path, **products: Any) -> Path:
     """Return the file of two short kits, and a rush order of a long one."""
     order = ["short", "short", "long"]
-    own = {"count": 2, "order": order, "due": [40.0, 60.0], "rush": [LONG]}
+    own: dict[str, Any] = {
+        "count": 2,
+        "order": order,
+        "due": [40.0, 60.0],
+        "rush": [LONG],
+    }
     return mix(folder, variants=BOTH, **(own | products))
 
 
@@ -126,13 +132,17 @@ def test_sources_serve_the_same_parts_in_whichever_order_products_are_made(
     rush = [name if name in both else order[0] for name in rush]
     file = mix(
         tmp_path_factory.mktemp("rush"),
-        **{"count": len(order) + 1, "order": order, "spare": spare, "variants": both},
+        count=len(order) + 1,
+        order=order,
+        spare=spare,
+        variants=both,
         rush=[{"at_s": k, "variant": own} for k, own in enumerate(rush)],
         steps=["carrier", "nut", "bolt", "seal"]
         if len(both) == 1
         else ["carrier", {"place": "nut", "variants": ["long"]}, "bolt", "seal"],
     )
     kind = loaded(file.parent, file.read_text()).kind.written_out()
+    assert isinstance(kind, PartKind)
     count = len(order) + 1 + spare
     after: list[int] = []
     for _ in range(data.draw(st.integers(1, len(rush)))):
