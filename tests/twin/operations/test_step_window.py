@@ -101,10 +101,13 @@ def test_executed_nodes_are_searched_once(
     extended, skipped = 0, 0
 
     def compared(
-        nodes: DerivedTpg, known: tuple[Indices, Causes], searched: Sequence[int]
+        nodes: DerivedTpg,
+        known: tuple[Indices, Causes],
+        searched: Sequence[int],
+        earlier: Sequence[int],
     ) -> TemporalPlanGraph:
         nonlocal extended, skipped
-        found = connect_nodes(nodes, known, searched)
+        found = connect_nodes(nodes, known, searched, earlier)
         slow = connect_nodes(DerivedTpg(nodes.tpg), known)
         assert np.array_equal(found.edges, slow.edges)
         assert np.array_equal(found.cause, slow.cause)
