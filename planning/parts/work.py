@@ -7,7 +7,13 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from planning.cell.workcell import Workcell
-from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Work
+from planning.parts.assembly import (
+    AnyStep,
+    MachineWork,
+    PartAssembly,
+    PlacePart,
+    Work,
+)
 from planning.parts.candidates import LazyCandidates, PartCandidates
 from planning.parts.disposal import disposal_tasks
 from planning.parts.expansion import step_tasks
@@ -71,6 +77,11 @@ class PartWork(Assembly):
         base = name.rpartition(".")[0]
         return name in names or (base in names and base not in known)
 
+    def steps_at(self, name: str) -> list[int]:
+        """Return the steps that place, hold or work at a part, without batches."""
+        steps = enumerate(self.built.steps, start=1)
+        return [k for k, step in steps if name in _parts_at(step)]
+
     def disposals(
         self, order: Disposal, at: Mapping[str, Transform], plan: TaskPlan, first: int
     ) -> Iterator[StepTasks]:
@@ -131,6 +142,15 @@ def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:
         for name, numbers in own.items()
         if name in assembly.supply.sourced or len(numbers) > 1
     }
+
+
+def _parts_at(step: AnyStep) -> tuple[str | None, ...]:
+    """Return the parts that a step places, holds or works at; none of a batch, which is done without one of them, too."""
+    if isinstance(step, Work):
+        return step.spot.owner, step.hold
+    if isinstance(step, MachineWork) and len(step.parts) > 1:
+        return ()
+    return step.part, step.hold
 
 
 def _after_batches(assembly: PartAssembly) -> Iterator[tuple[int, int]]:

@@ -124,6 +124,10 @@ class Assembly(ABC):
         """Return whether a step (from 1) has one of some names, which are those of each product."""
         return False
 
+    def steps_at(self, _name: str) -> Collection[int]:
+        """Return the steps (from 1) that place, hold or work at an object, without those of several at once."""
+        return ()
+
     def disposals(
         self, order: Disposal, at: Mapping[str, Transform], plan: TaskPlan, first: int
     ) -> Iterator[StepTasks]:

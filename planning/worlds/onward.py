@@ -150,10 +150,9 @@ def plan_onward(
         home = cell.robot(name).home
         items.append(_Item(_to(cell, world, name, home, stands=name not in gone)))
     burdens = _unplaceable_loads(world, left)
-    for robot, name in burdens.items():
-        items.append(
-            _Item(_only_alternative(partial(find_removal, cell, world, robot, name)))
-        )
+    for robot, load in burdens.items():
+        removal = partial(find_removal, cell, world, robot, *load)
+        items.append(_Item(_only_alternative(removal)))
     undone = frozenset(plan[step].object for step in now.given_up if step in kept)
     team = {robot.name for robot in cell.robots} - world.out
     rejected = {
@@ -459,14 +458,18 @@ def _idle_robots_away(
             yield robot.name
 
 
-def _unplaceable_loads(world: World, left: list[UnfinishedStep]) -> dict[str, str]:
-    """Return the objects in hands that have no placement any more, by robot."""
+def _unplaceable_loads(
+    world: World, left: list[UnfinishedStep]
+) -> dict[str, tuple[str, int]]:
+    """Return the objects in hands that have no placement any more, and the steps of their picks, by robot."""
     going = {task.robot for item in left if not item.ends for task in item.tasks}
     # Also in a step that was then restarted, if another plan came before the hand was emptied.
     steps = (*world.past, *world.steps)
-    picked = {t.object for s in steps for t in s.tasks if t.kind == "pick"}
+    done = (t for s in steps for t in s.tasks if t.index in world.complete)
+    picks = sorted((t.index, t.object, t.step) for t in done if t.kind == "pick")
+    picked = {name: step for _, name, step in picks}
     return {
-        at.holder: name
+        at.holder: (name, picked[name])
         for name, at in world.held()
         if at.holder is not None
         and name in picked

@@ -214,7 +214,7 @@ class RemovalPlan:
 
 
 def find_removal(
-    cell: Workcell, world: World, robot: str, name: str, first: int
+    cell: Workcell, world: World, robot: str, name: str, step: int, first: int
 ) -> StepTasks:
     """Return the step of a robot that waits at HOME until its load has been removed.
 
@@ -223,6 +223,7 @@ def find_removal(
         world: in which it holds that.
         robot: the robot.
         name: the held object.
+        step: for which it was picked.
         first: index of the task.
     """
     placed = cell.robot(robot)
@@ -232,7 +233,7 @@ def find_removal(
         Handling(name, 1, Handling.GONE, read_only_copy(pose)),
     )
     path, label = read_only_copy(placed.home[None]), f"{name} is taken out"
-    task = Task(first, robot, TaskKind.TAKEN_OUT, 1, label, path, gone, name)
+    task = Task(first, robot, TaskKind.TAKEN_OUT, step, label, path, gone, name)
     # As it is let go of, it is still where the tool touches it.
     touches = AllowedContact(f"{robot}/tool", name, frozenset({first}))
-    return StepTasks(1, (task,), (), (touches,))
+    return StepTasks(step, (task,), (), (touches,))

@@ -83,6 +83,14 @@ class World:
             )
         }
 
+    def done_steps(self) -> Iterator[int]:
+        """Yield the steps that are done except for final transits."""
+        for number, step in sorted(self.begun().items()):
+            transit_kinds = (TaskKind.TRANSIT, TaskKind.STRAIGHT, *TaskKind.SUPPLY)
+            skills = {t.index for t in step.tasks if t.kind not in transit_kinds}
+            if skills <= self.complete:
+                yield number
+
 
 def picked_steps(
     begun: Mapping[int, StepTasks], complete: Collection[int]

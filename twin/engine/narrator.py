@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from planning.tasks.task import DOOR, Handling, TimeWindow
+from planning.tasks.task import DOOR, Handling, TaskKind, TimeWindow
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
@@ -108,7 +108,9 @@ class Narrator:
         if holder is None:
             detail = "put down"
             if giver is None:
-                comes = self._tpg.cell.object(name).later
+                task, item = self._tpg.task_at(chain, node), self._tpg.cell.object(name)
+                tried = task.kind == TaskKind.FAILED and task.object == name
+                comes = item.later and not tried
                 detail = (
                     "comes up at its station" if comes else "found beside its place"
                 )

@@ -5,7 +5,7 @@ The possible decisions are to retry the skill, to restart its step, to ask a per
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -50,6 +50,11 @@ _NO_PROCESS = (
     ),
     *(TaskKind.LEAVE_TOOL, TaskKind.TAKE_TOOL, TaskKind.TAKEN_OUT),
 )
+
+
+def processes(tasks: Iterable[Task]) -> Iterator[Task]:
+    """Yield the processes among tasks."""
+    return (task for task in tasks if task.kind not in _NO_PROCESS)
 
 
 class ObjectOutcome(StrEnum):
@@ -153,8 +158,8 @@ class FailureTriage:
         since = max(came, default=0)
         works = {
             t.step: t
-            for t in own
-            if t.step > since and t.kind not in _NO_PROCESS and t.index in done
+            for t in processes(own)
+            if t.step > since and t.index in done
             if not named or self.is_named(t.step, named)
         }
         return [works[k] for k in sorted(works.keys() - self.ledger.undone)]
@@ -196,7 +201,8 @@ class FailureTriage:
     ) -> Handling | None:
         """Return the measured pose of a displaced part; None where it cannot be used there."""
         name = str(task.object)
-        lay = self.ledger.measured.get(name, tpg.cell.object(name).start)
+        planned = self.ledger.lost(name)
+        lay = self.ledger.measured.get(planned, tpg.cell.object(name).start)
         offset = self.section.failures[task.kind].offset
         far, around, turned = (self._draw(task, "offset", k) for k in range(3))
         angle = 2.0 * np.pi * around
@@ -213,7 +219,7 @@ class FailureTriage:
             check_invariant(DerivedTpg(there))
         except PlanInvariantError:
             return None
-        poses = {**self.ledger.measured, name: pose}
+        poses = {**self.ledger.measured, planned: pose}
         return found if self.allows(poses) else None
 
     def _object_changes(
@@ -241,7 +247,7 @@ class FailureTriage:
         words = fate.value
         if fate is ObjectOutcome.BESIDE and task.step not in self.ledger.rejected:
             if found := self._displacement(tpg, trigger, failure, task):
-                self.ledger.measured[name] = found.pose
+                self.ledger.measured[self.ledger.lost(name)] = found.pose
                 return (found,), _displacement_text(at.pose, found.pose)
             words = f"{words}, where nobody can pick it"
         self.ledger.gone.add(self.ledger.lost(name))

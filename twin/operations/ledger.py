@@ -164,6 +164,7 @@ class LedgerDraft(LedgerEntries):
         self.asks = (*self.asks, ask)
         if ask.helps and ask.object is not None:
             self.gone.discard(ask.object)
+            self.measured.pop(ask.object, None)
         return ask.helps
 
     def give_up(self, step: int, why: str) -> None:

@@ -6,7 +6,7 @@ A draft belongs to one cut, which divides the nodes of the executed plan into ke
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 from planning.cell.workcell import Workcell, WorldState
 from planning.errors import (
@@ -33,6 +33,7 @@ from twin.operations.failure_triage import (
     dependent_steps,
     find_infeasible_steps,
     interrupted_steps,
+    processes,
     request_replacement,
 )
 from twin.operations.ledger import LedgerDraft
@@ -59,18 +60,20 @@ class AssemblyState(RecoveryState):
         task_plan: the choices.
         steps, past: tasks, as of a world.
         motions: candidates of all steps, with spare objects that are used.
+        context: settings and caches.
     """
 
     cell: Workcell
     task_plan: TaskPlan
     steps: tuple[StepTasks, ...]
     motions: PlannedMotions
+    context: PlanningContext
     past: tuple[StepTasks, ...] = ()
 
 
 @dataclass(frozen=True)
 class PlanningContext:
-    """Settings and caches of a recovery, which no state depends on.
+    """Settings and caches of a recovery, which only rush orders change.
 
     Attributes:
         scenario: scenario with its recovery section.
@@ -78,6 +81,7 @@ class PlanningContext:
         window: how many first steps are planned.
         known: motions that were planned before.
         elsewhere: candidates with parts where they were measured.
+        rush_after: how many products come before each one of a rush order that has come in.
     """
 
     scenario: Scenario
@@ -85,6 +89,7 @@ class PlanningContext:
     window: StepWindow
     known: MotionCache = field(default_factory=MotionCache)
     elsewhere: MeasuredWork = field(default_factory=MeasuredWork)
+    rush_after: tuple[int, ...] = ()
 
 
 @dataclass
@@ -113,17 +118,8 @@ class Draft:
 
     def state(self) -> AssemblyState:
         """Return the resulting state."""
-        return AssemblyState(
-            self.tpg,
-            self.seeds,
-            self.ledger.recorded(),
-            self.cell,
-            self.task_plan,
-            self.steps,
-            self.motions,
-            self.past,
-            measure=self.measure,
-        )
+        own = {item.name: getattr(self, item.name) for item in fields(AssemblyState)}
+        return AssemblyState(**own | {"ledger": self.ledger.recorded()})
 
     @property
     def work(self) -> Assembly:
@@ -165,6 +161,7 @@ class Draft:
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
         """Return the extended graph and its new part; infeasible steps are abandoned."""
         watch, evading = StageWatch(), frozenset[str]()
+        questions = len(self.ledger.asks)
         emptied: dict[int, frozenset[str]] = {}
         machines = {item.name for item in self.cell.machines}
         if evade:
@@ -181,16 +178,21 @@ class Draft:
                 **interrupted_steps(self.ledger, at.out, world),
                 **emptied,
             }
-            for step in at.unwanted - (world.begun().keys() - reopened.keys()):
+            begun = world.begun().keys() - reopened.keys()
+            # A step that has rejected a part is reported as given up, wanted or not.
+            for step in at.unwanted - begun - self.ledger.rejected.keys():
                 self.ledger.drop(step)
             for steps in self.work.passing.values():
                 self.ledger.leave_off(set(steps) - world.begun().keys(), steps)
+            rejected = dict(self._rejected(world, reopened))
+            for step in self._to_repeat(world, questions):
+                reopened.setdefault(step, frozenset())
             given_up = self.ledger.undone
             for step in given_up & world.begun().keys():
                 reopened.setdefault(step, frozenset())
             now = ReplanningState(
                 *(world, self.task_plan, reopened, given_up, evading),
-                rejected=dict(self._rejected(world)),
+                rejected=rejected,
                 reworked=self.ledger.reworked,
             )
             work, undoable = find_infeasible_steps(self.work, now, self.cell)
@@ -251,8 +253,23 @@ class Draft:
             self.steps, self.past = onward.steps, onward.past
             return union, new
 
-    def _rejected(self, world: World) -> Iterator[tuple[int, Disposal]]:
-        """Yield the rejected parts on which nothing rests, by step; a person takes what a robot failed to."""
+    def _to_repeat(self, world: World, questions: int) -> Iterator[int]:
+        """Yield the steps whose processes are repeated, as a person brings other parts after a number of questions."""
+        undone, asks = self.ledger.undone, self.ledger.asks[questions:]
+        helpful = (ask for ask in asks if ask.helps and ask.step not in undone)
+        fresh = {ask.object for ask in helpful} - {None}
+        for step, own in world.begun().items():
+            done = (t for t in own.tasks if t.index in world.complete)
+            if step not in undone and any(t.object in fresh for t in processes(done)):
+                yield step
+
+    def _rejected(
+        self, world: World, reopened: dict[int, frozenset[str]]
+    ) -> Iterator[tuple[int, Disposal]]:
+        """Yield the rejected parts on which nothing rests, by step, and abandon what else was to be done with them.
+
+        Robots that have only approached them for that retreat. A person takes what a robot failed to.
+        """
         ledger, place = self.ledger, self.context.scenario.execution.recovery.bin
         places = [
             (k, task.object)
@@ -267,6 +284,12 @@ class Draft:
             rests = {part for k, part in places if k in above} - {name}
             if rests & world.state.attachments.keys():
                 continue
+            done = set(world.done_steps()) - reopened.keys()
+            for one in sorted({*self.work.steps_at(name), *above} - done):
+                ledger.give_up(one, f"{name} is scrapped")
+                if one in world.begun():
+                    robots = {task.robot for task in world.begun()[one].tasks}
+                    reopened.setdefault(one, frozenset(robots))
             failed = any(ledger.tries[step, kind] for kind in TaskKind.HANDLING)
             # Deliveries to a source wait for a person who frees their place.
             sourced = not own and name in self.work.passing

@@ -105,7 +105,7 @@ class RunRemainder:
         kinds = Counter(tpg.tasks[k].kind for k in done)
         after = f"{self.scenario.name} {plan_sha256(tpg)[:12]} at {self.when}"
         counted = tuple(sorted(kinds.items()))
-        steps = tuple(_done_steps(world))
+        steps = tuple(world.done_steps())
         begun = Begun(after, counted, tuple(sorted(self.out)), steps)
         own = drop_history(new, first, begun, room=len(self.left_s))
         return resume_machines(own, union, at.lengths, self.left_s)
@@ -146,15 +146,6 @@ class RunRemainder:
             self.undone,
             cuts=((CutPolicy(),), (CutPolicy(evade=True),)),
         )
-
-
-def _done_steps(world: World) -> Iterator[int]:
-    """Yield the steps that are done except for final transits."""
-    for number, step in sorted(world.begun().items()):
-        transit_kinds = (TaskKind.TRANSIT, TaskKind.STRAIGHT, *TaskKind.SUPPLY)
-        skills = {task.index for task in step.tasks if task.kind not in transit_kinds}
-        if skills <= world.complete:
-            yield number
 
 
 def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:

@@ -139,6 +139,8 @@ def plan_scenario(
     case, watch = scenario, StageWatch(progress, clock=clock)
     if not isinstance(case, LoadedScenario):
         case = LoadedScenario(case, folder)
+    if keep and case.sections.kind.rush_s():
+        case = case.varied({"assembly.products.rush_after": []})
     sections = case.sections
     whole, window = keep or start is not None, sections.execution.step_window
     if motions is None:

@@ -30,12 +30,14 @@ from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operations.operated import STACK, operated, planned
 from tests.twin.operations.reworked import BIN, REWORKED, with_crate
+from tests.twin.planning.test_variants import mix
 from tests.twin.scenarios.ovens import OVEN
 from tests.twin.scenarios.tool_line import AT_RACKS, tool_line
 from twin.operations.operation import Operation
 from twin.runs.events import Event
 from twin.runs.trajectory import object_placements
 from twin.scenario.sections.kind import assembly_kind
+from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario, with_failures
 
@@ -77,10 +79,33 @@ def _inspected() -> str:
     return text
 
 
+def _looked_at() -> str:
+    """Return machine tending in which the cart inspects what it has put onto a tray."""
+    text = _shipped("assembly/machine_tending")
+    for old, new in {
+        r"(    washing: \{)": "    inspect: {duration: {kind: fixed, value_s: 3}}\n\\1",
+        r"(    - \{place: blank, robots: \[cart\]\}\n)": "\\1    - {process: inspect, at: {part: blank, pose: {xyz_m: [0, 0, 0.05]}}, robots: [cart]}\n",
+    }.items():
+        text, count = re.subn(old, new, text)
+        assert count == 1, old
+    return text
+
+
 def _mix() -> str:
     """Return the mix without its shifts, in which all that is rejected is driven again."""
     text = (ROOT / "lines" / "mix.yaml").read_text("utf-8")
     return text[: text.index("  calendar:")]
+
+
+def _rushed() -> str:
+    """Return kits of two variants from trays, a conveyor and feeders, with two rush orders."""
+    folder = Path(tempfile.mkdtemp(prefix="rushed-"))
+    rush = [
+        {"at_s": 25.0, "variant": "long"},
+        {"at_s": 60.0, "count": 2, "variant": "short"},
+    ]
+    file = mix(folder, count=4, spare=1, rush=rush, variants={"short": 1, "long": 1})
+    return file.read_text("utf-8")
 
 
 _FEW_PLACES = {"counts": [1, 1], "pitch_m": [0.1, 0.1]}
@@ -103,6 +128,19 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
             "assembly.products": {"count": 3, "spare": 1},
             "machines": {},
             "recovery.bin": {"fixture": "crate", "pose": {"xyz_m": [0, 0, 0.35]}},
+        },
+    ),
+    "rejecting on trays": (
+        _looked_at,
+        {
+            "assembly.products": {
+                "count": 3,
+                "spare": 1,
+                "places": {"counts": [2, 1], "pitch_m": [0.15, 0.15]},
+                "leave_s": 5,
+            },
+            "machines": {},
+            "recovery.bin": "person",
         },
     ),
     "magazine": (_magazine, {}),
@@ -137,6 +175,7 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
     ),
     "oven": (lambda: OVEN, {}),
     "mix": (lambda: _mix(), {"assembly.products.count": 4, "machines": {}}),
+    "rushed": (_rushed, {}),
     "truss": (lambda: _shipped("assembly/truss"), {}),
     "tower": (
         lambda: _shipped("construction/tower"),
@@ -180,8 +219,8 @@ def drawn_values(name: str, seed: int) -> Values:
     for skill in sorted(every):
         values[f"failures.{skill}"] = _failure(draw, skill, case.sections.processes)
     if name.startswith("rejecting"):
-        line = name.endswith("line")
-        works = ["milled"] if line else ["first", "second", "third"]
+        line = {"rejecting in a line": ["milled"], "rejecting on trays": []}
+        works = line.get(name, ["first", "second", "third"])
         values["failures.inspect"] |= _rejects(np.random.default_rng(seed), works)
     values["recovery.again"] = int(draw.integers(0, 4))
     values["recovery.planning_s"] = float(draw.choice([0.0, 1.0, 8.0]))
@@ -212,6 +251,8 @@ def drawn_values(name: str, seed: int) -> Values:
         ]
         if "spare" in name:
             values["changes"][0]["more"] = 1
+        if name == "rushed":
+            values["changes"] = [{"at_s": values["changes"][0]["at_s"], "more": 1}]
     if draw.random() < 0.3 and (late := _may_be_late(plan_of(name))):
         part = late[int(draw.integers(len(late)))]
         values["late"] = [{"part": part, "at_s": round(draw.uniform(0.0, end_s), 3)}]
@@ -270,11 +311,14 @@ def problems_of(
     """Operate a drawn case, and return what is wrong with it in words."""
     plan, values = plan_of(name), drawn_values(name, seed)
     done, events = operated(plan, seed, **values)
+    if done.rush_after:
+        values["assembly.products.rush_after"] = list(done.rush_after)
     case = plan.scenario.varied(values)
     found = [
         *_order(done),
         *_ends(done, events, values, _whole(name)),
         *_untold(done, plan, _whole(name)),
+        *_absent(done, case),
     ]
     found += [f"verify: {words}" for words in verify_plan(done.tpg).problems]
     if audit:
@@ -324,11 +368,15 @@ def _untold(done: Operation, plan: PlanResult, whole: PlanResult) -> Iterator[st
     idle = (TaskKind.TRANSIT, TaskKind.LEFT_OUT, TaskKind.FAILED)
     last = {task.step: task.kind for task in whole.tpg.tasks if task.kind not in idle}
     wanted = Counter(task.step for task in whole.tpg.tasks if task.kind not in idle)
+    if done.rush_after:  # then steps have other numbers than in the plan
+        kind = assembly_kind(whole.scenario.sections.assembly).written_out()
+        steps = kind.with_rush(done.rush_after).wanted_steps()
+        wanted = Counter(range(1, steps + 1))
     executed = {(t.step, t.kind) for t in done.tpg.tasks if t.kind not in idle}
     for step in wanted:
         skills = {k for s, k in executed if s == step}
         if not skills and step not in undone:
-            yield f"step {step} ({last[step]}) was not done, and is not told"
+            yield f"step {step} ({last.get(step)}) was not done, and is not told"
     # Where parts stand in the end in a run in which nothing fails, something of their kind stands.
     goals = _goals(whole)
     ends = {
@@ -349,6 +397,20 @@ def _untold(done: Operation, plan: PlanResult, whole: PlanResult) -> Iterator[st
         if filled == (step in undone):
             state = "filled and undone" if filled else "neither filled nor told"
             yield f"the goal of step {step} is {state}"
+
+
+def _absent(done: Operation, case: LoadedScenario) -> Iterator[str]:
+    """Yield processes that robots did at a part that was in a hand or not there."""
+    placements, chains = object_placements(done.tpg, done.record), done.tpg.chain_index
+    for task in done.tpg.tasks:
+        k = chains.get(task.robot)
+        if task.kind not in case.sections.processes or not task.object or k is None:
+            continue
+        node = int(np.argmax(done.tpg.chains[k].task == task.index))
+        begin = int(done.record.start_ns[k][node])
+        own = [p for p in placements if p.object == task.object and p.t_ns <= begin]
+        if not own or own[-1].holder is not None:
+            yield f"task {task.index}, {task.label}: {task.object} is not there"
 
 
 def _goals(whole: PlanResult) -> dict[int, np.ndarray]:

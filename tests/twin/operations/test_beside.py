@@ -24,6 +24,7 @@ from tests.twin.operations.operated import (
     planned,
     require_safe,
 )
+from tests.twin.operations.random_operations import plan_of
 from tests.twin.operations.test_windows import TEXT
 from tests.twin.written import refusal, written
 from twin.operations import failure_triage
@@ -92,6 +93,16 @@ def test_what_lies_beside_is_picked_there(plan: PlanResult, seed: int) -> None:
     assert (done.record.outcome == "completed") == (len(words) == moved)
     # Nothing is lost: what cannot be used stays where it is.
     assert not gone(done)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [28, 40])
+def test_what_a_person_has_brought_is_picked_where_it_is_found(seed: int) -> None:
+    plan, ask = plan_of("reworked"), {"answer_s": 5, "helps": 1.0, "times": 3}
+    values = {**found_beside(0.6, beside=0.5), "recovery.again": 5}
+    done, events = operated(plan, seed, **values, **{"recovery.ask": ask})
+    assert require_picked_there(done, events)
+    assert [t.object for t in done.tpg.tasks if t.kind == "pick"][-1] == "pin.1"
 
 
 def test_how_far_it_lies_is_told_and_is_all_that_is_different(plan: PlanResult) -> None:

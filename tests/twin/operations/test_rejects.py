@@ -12,13 +12,19 @@ import pytest
 
 import twin
 from benchmarks.operate import audited
-from planning.tasks.task import Handling, TaskKind
+from planning.cell.workcell import Attachment, WorldState
+from planning.tasks.assembly import Disposal
+from planning.tasks.task import STILL, Handling, StepTasks, Task, TaskKind
+from planning.transforms import translation
+from planning.worlds.supplied import RemovalPlan
+from planning.worlds.world import World
 from tests.planted import rows
 from tests.twin.operations.operated import (
     at_the_end,
     gone,
     operated,
     operated_by_program,
+    placed,
     planned,
     require_resumed,
     require_safe,
@@ -182,7 +188,85 @@ def test_what_a_robot_fails_to_put_into_the_bin_a_person_takes(
     require_safe(done.tpg)
     assert put_into_the_bin(done) == []
     (task,) = tasks_of(done, TaskKind.TAKEN_OUT)
-    assert (task.robot, task.object) == (takes, "cover")
+    assert (task.robot, task.object, task.step) == (takes, "cover", 6)
+
+
+@pytest.mark.parametrize(("kind", "first"), [("clean", 1), ("screw", 3)])
+def test_nothing_more_is_done_with_what_is_scrapped(
+    rejecting: PlanResult, kind: str, first: int
+) -> None:
+    """The first of six steps about the cover, or the third, scraps it."""
+    done, _ = operated(rejecting, 1, **{f"failures.{kind}": {**NEVER, "then": "scrap"}})
+    require_safe(done.tpg)
+    assert put_into_the_bin(done) == [("left", "cover")]
+    tried = [step for step, *_ in works_of(done)]
+    assert tried == [step for step in (1, 3) if step <= first]
+    undone = {k for k in range(1, 7) if k >= first}
+    assert done.given_up.keys() == undone
+    assert done.given_up[first] == "cover is scrapped"
+    assert placed(done)[-1] == 7
+
+
+def test_what_a_step_that_is_not_wanted_any_more_has_scrapped_is_told(
+    rejecting: PlanResult,
+) -> None:
+    fails = {"failures.inspect": {**NEVER, "then": "scrap"}}
+    _, events = operated(rejecting, 1, **fails)
+    (failed,) = (e for e in events if e.kind == "failed")
+    drop = [{"at_s": failed.t_ns / 1e9 - 0.1, "drop": [6]}]
+    done, _ = operated(rejecting, 1, **fails, changes=drop)
+    assert done.given_up == {6: "cover is scrapped"}
+    assert done.dropped == {}
+    assert gone(done) == {"cover"}
+
+
+@pytest.mark.parametrize("helps", [1.0, 0.0])
+def test_what_a_person_brings_gets_what_was_done_to_the_lost_one(
+    rejecting: PlanResult, helps: float
+) -> None:
+    values = {
+        "failures.pick": {"probability": 0.5, "retries": 0, "loses": 1.0},
+        "recovery.ask": {"answer_s": 5, "helps": helps, "times": 1},
+    }
+    done, _ = operated(rejecting, 1, **values)
+    cleaned = [(t.step, t.object) for t in tasks_of(done, "clean")]
+    if helps:
+        assert cleaned == [(1, "cover"), (1, "cover.1"), (5, "cover.1")]
+        assert audited(done, rejecting.scenario.varied(values)) == []
+    else:
+        assert cleaned == [(1, "cover")]
+        assert {2, 3, 4, 5, 6} <= done.given_up.keys()
+
+
+def test_what_was_taken_away_before_leaves_with_no_tray() -> None:
+    here, names = translation(0.0, 0.0, 0.1), ("blank.1", "blank.2")
+    there = WorldState({}, {"blank.2": Attachment(None, here)})
+    out = tuple(Handling(own, 1, Handling.GONE, here) for own in names)
+    leaves = Task(0, "outfeed", TaskKind.LEAVE, 12, "leaves", STILL, out)
+    rejected = {6: Disposal(6, "blank.1", None)}
+    scrap = RemovalPlan(World(there), (), frozenset(), rejected)
+    (left,) = scrap.without_absent_objects(StepTasks(12, (leaves,), (), ())).tasks
+    assert [h.object for h in left.handlings] == ["blank.2"]
+
+
+@pytest.mark.nightly
+def test_who_has_only_approached_what_is_scrapped_retreats(tmp_path: Path) -> None:
+    text = with_crate(REWORKED)
+    for old, new in {
+        "screw: {duration: {kind: fixed, value_s: 2}": "screw: {duration: {kind: fixed, value_s: 0.3}",
+        "    inspect: {": "    polish: {duration: {kind: fixed, value_s: 9}, frame: driver, approach_m: 0.2}\n    inspect: {",
+        "{process: screw, at: {part: cover, frame: hole2}, robots: [right], after: [first]": "{process: polish, at: {part: cover, frame: hole2}, robots: [right], after: [covered]",
+        "speed_model: joint": "speed_model: l1, speed_rad_s: 0.25",
+    }.items():
+        assert old in text
+        text = text.replace(old, new)
+    plan = planned(written(tmp_path, text), **{"recovery.bin": BIN})
+    done, _ = operated(plan, 1, **{"failures.screw": {**NEVER, "then": "scrap"}})
+    require_safe(done.tpg)
+    assert tasks_of(done, "polish") == []
+    assert [t for t in done.tpg.tasks if t.label.startswith("back: approach to polish")]
+    assert put_into_the_bin(done) == [("left", "cover")]
+    assert done.given_up == dict.fromkeys(range(3, 7), "cover is scrapped")
 
 
 @pytest.mark.nightly

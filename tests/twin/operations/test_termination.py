@@ -33,8 +33,14 @@ BY_DAY = {
 AT_NIGHT = 10
 """Of each cell."""
 
-KNOWN = {"mix": [9010, 9031, 9037], "tools in a line": [9011]}
-"""Operations with findings in the past: a product left without what was on it, and a flange was bare."""
+KNOWN = {
+    "mix": [9010, 9031, 9037],  # a product left without what was on it
+    "tools in a line": [9011],  # a flange was bare
+    "reworked": [9011],  # what a person brought was not cleaned as the lost one was
+    "rejecting": [9010, 9031, 9037],  # a part that was scrapped was worked at
+    "rejecting to a person": [9007],
+}
+"""Operations with findings in the past."""
 
 
 @pytest.mark.parametrize(

@@ -376,7 +376,7 @@ class ConstructionRecovery(Planner[_Built]):
         ]
         motions, end = list(plan.motions), rest.world.end
         for name, contacts, task in self._removed(
-            rest, world, cell, first + len(tasks)
+            rest, world, cell, steps, first + len(tasks)
         ):
             home = cell.robot(name).home
             lasts = self.scenario.execution.recovery.remove_s
@@ -389,7 +389,12 @@ class ConstructionRecovery(Planner[_Built]):
         return MotionPlan(cell, tuple(tasks), tuple(motions), waits, tuple(allowed))
 
     def _removed(
-        self, rest: BuildState, world: World, cell: Workcell, first: int
+        self,
+        rest: BuildState,
+        world: World,
+        cell: Workcell,
+        steps: Mapping[str, int],
+        first: int,
     ) -> Iterator[tuple[str, Sequence[AllowedContact], Task]]:
         """Yield robots that hold a useless object at HOME, with its removal."""
         for name, own in world.held():
@@ -398,7 +403,7 @@ class ConstructionRecovery(Planner[_Built]):
                 continue
             ends = rest.world.robots[holder].path[-1]
             if np.abs(ends - cell.robot(holder).home).max() < 1e-6:
-                step = find_removal(cell, world, holder, name, first)
+                step = find_removal(cell, world, holder, name, steps[name], first)
                 yield holder, step.allowed, step.tasks[0]
                 first += 1
 

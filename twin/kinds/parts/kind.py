@@ -94,7 +94,7 @@ class PartKind(AssemblyKind):
         """Return the number of steps, of one product or of all."""
         if self.unit is not None:
             return len(self.unit.section.steps)
-        ends = self.product_ends()
+        ends = self.product_ends(range(1, self.products() + 1))
         return ends[-1] if self.whole or self.variants() else ends[0]
 
     def wanted_steps(self) -> int:
@@ -102,22 +102,45 @@ class PartKind(AssemblyKind):
         products = self.section.products
         if products is None or not self.whole:
             return self.steps()
-        return self.product_ends()[min(products.count, len(self.product_ends())) - 1]
+        wanted = len(self.made) - products.spare if self.made else products.count
+        return self.product_ends()[min(wanted, len(self.product_ends())) - 1]
 
-    def product_ends(self) -> Sequence[int]:
+    def product_ends(self, made: Sequence[int] = ()) -> Sequence[int]:
         """Return the number of the last step of each product; of all together where batches interleave them."""
         if self._order:
             return (len(self._order),)
-        steps = {k: self.section.steps_of(k) for k in self.variants()}
+        made = made or self.made or range(1, self.products() + 1)
+        variants = self.variants()
+        steps = {k: self.section.steps_of(k) for k in variants}
         if steps:
-            return list(accumulate(len(steps[k]) for k in self.variants()))
+            return list(accumulate(len(steps[variants[k - 1]]) for k in made))
         count = len(listed_steps(self.section))
-        return range(count, count * self.products() + 1, count)
+        return range(count, count * len(made) + 1, count)
 
     def product_of(self, step: int) -> int:
         """Return the product of a step of all products, both from 1; of a batch, that of its last part."""
-        order = self._order
-        return order[step - 1][-1][0] + 1 if order else super().product_of(step)
+        order, number = self._order, super().product_of(step)
+        if order:
+            return order[step - 1][-1][0] + 1
+        return self.made[number - 1] if self.made else number
+
+    @cached_property
+    def made(self) -> Sequence[int]:
+        """Numbers of the products in the order in which they are made, where rush orders may come in."""
+        products = self.section.products
+        come = self.whole and products and products.rush_after is not None
+        return products.made if products and come else ()
+
+    def rush_s(self) -> tuple[float, ...]:
+        """Return when the products of rush orders come in [s]."""
+        products = self.section.products
+        return tuple(own.at_s for own in products.rushed) if products else ()
+
+    def with_rush(self, after: tuple[int, ...]) -> PartKind:
+        """Return the same with first products of rush orders, given how many products come before each of them."""
+        products = self.section.products
+        own = products and products.changed(rush_after=after)
+        return replace(self, section=self.section.changed(products=own))
 
     @cached_property
     def _order(self) -> Sequence[Sequence[tuple[int, int]]]:
@@ -142,7 +165,8 @@ class PartKind(AssemblyKind):
         products = self.section.products
         if products is None:
             return 1
-        return products.count + (products.spare if self.whole else 0)
+        rush = 0 if products.rush_after is None else len(products.rushed)
+        return products.count + rush + (products.spare if self.whole else 0)
 
     def supply(self) -> str:
         """Return a description of the supply."""

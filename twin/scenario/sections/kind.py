@@ -193,6 +193,14 @@ class AssemblyKind(Protocol):
         """Return the product of a step, both from 1."""
         return bisect_left(self.product_ends(), step) + 1
 
+    def rush_s(self) -> tuple[float, ...]:
+        """Return when the products of rush orders come in [s]."""
+        return ()
+
+    def with_rush(self, _after: tuple[int, ...]) -> Self:
+        """Return the same with first products of rush orders, given how many products come before each of them."""
+        return self
+
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product; empty where all are equal."""
         return ()
