@@ -46,6 +46,7 @@ def connect_nodes(
     nodes: DerivedTpg,
     known: tuple[Indices, Causes] = NO_EDGES,
     searched: Sequence[int] = (),
+    earlier: Sequence[int] = (),
     *,
     progress: Progress = no_progress,
 ) -> TemporalPlanGraph:
@@ -55,8 +56,9 @@ def connect_nodes(
         nodes: a graph whose edges are ignored.
         known: edges in addition to those of dependencies, shape (e, 4), and their causes: what they
             imply is not searched again.
-        searched: number of first nodes of each chain, by default none. Conflicts among these are ordered by ``known``,
-            and so are conflicts among the others.
+        searched: number of first nodes of each chain, by default none. Conflicts among these are ordered by ``known``.
+        earlier: number of first nodes of each chain that precede the others, as many as ``searched`` or more: conflicts
+            among the others are ordered by ``known``. By default those searched.
         progress: called during the conflict search, see ``find_motion_edges``.
 
     Raises:
@@ -65,7 +67,7 @@ def connect_nodes(
     """
     task_edges = dependency_edges(nodes.tpg)
     settled = np.concatenate([task_edges, known[0]])
-    motion_edges = find_motion_edges(nodes, settled, progress, searched)
+    motion_edges = find_motion_edges(nodes, settled, progress, searched, earlier)
     causes = [
         np.full(len(task_edges), TASK_DEPENDENCY, dtype=np.uint8),
         known[1],
@@ -85,6 +87,7 @@ def find_motion_edges(
     task_edges: Indices,
     progress: Progress = no_progress,
     searched: Sequence[int] = (),
+    earlier: Sequence[int] = (),
 ) -> Indices:
     """Return the type-2 edges that motion conflicts require, not reduced, shape (e, 4).
 
@@ -99,9 +102,10 @@ def find_motion_edges(
         task_edges: what is known to precede; not searched again.
         progress: called after each ordered pair of robots with pairs done and in all, by the
             thread that searched it.
-        searched: see ``connect_nodes``.
+        searched, earlier: see ``connect_nodes``.
     """
     implied, _ = transitive_reduction(nodes.ranks, task_edges)
+    earlier = earlier or searched
     occupancies = nodes.occupancies
     todo = list(permutations(range(len(occupancies)), 2))
     done = count(1)
@@ -113,7 +117,7 @@ def find_motion_edges(
         if searched:
             first = searched[i]
             limit[:first] = np.minimum(limit[:first], floor[:first] + 1)
-            limit[first:] = np.minimum(limit[first:], searched[k])
+            limit[first:] = np.minimum(limit[first:], earlier[k])
         own, other = occupancies[i], occupancies[k]
         found = search_conflicts(own, other, floor, limit, nodes.table)
         edges = [(k, u, i, v) for v, u in found]

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from planning.caches import BoundedCache
 from planning.cell.motion_limits import MotionLimits
 from planning.kernels import kernel
 from planning.timing.smooth_path import SmoothPath, smooth_path
@@ -38,6 +39,10 @@ _STILL = 1e-12
 
 _TURN = 1e-7
 """Unit directions that differ by less are the same straight line."""
+
+
+_KNOWN: BoundedCache[SmoothPath] = BoundedCache(2000)
+"""Motions of skills, which plans of the same products share, by limits, path and stops."""
 
 
 def assign_node_times(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
@@ -89,7 +94,10 @@ def skill_motion(
     """
     chain = tpg.chains[k]
     stops = {h.waypoint for h in tpg.handlings if h.robot == k and h.node == node}
-    return smooth_path(limits, node_path(chain, node), stops)
+    path = node_path(chain, node)
+    own = (np.asarray(value).tobytes() for value in vars(limits).values())
+    key = *own, path.tobytes(), *sorted(stops)
+    return _KNOWN.get(key, lambda: smooth_path(limits, path, stops))
 
 
 def node_path(chain: NodeChain, node: int) -> Array:

@@ -223,6 +223,7 @@ HOOKS = Group(
         "cut of a run": "twin.operations.run_cut:cut_run",
         "line": "twin.throughput.throughput:line_summary",
         "plan warnings": "twin.warnings.plan_warnings:plan_warnings",
+        "live scene": "twin.view.live_scene:live_scene",
         "driven cell": "twin.page.driven:DrivenCell",
         "plan of a study": "twin.studies.best_plan:best_plan",
         "design of an exploration": "twin.explorations.design_scenario:design_of",

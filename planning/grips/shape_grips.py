@@ -60,10 +60,12 @@ def part_grips(
         start, goal: poses of its frame in the world.
         rules: which grips are tried.
     """
-    if shape.is_box and not rules.suction:
-        return box_grips(shape.size, start, goal, rules)
     # Where tools may point is a matter of how a part is turned, not of where it is.
-    key = (shape, start[:3, :3].tobytes(), goal[:3, :3].tobytes(), rules)
+    turns = start[:3, :3].tobytes(), goal[:3, :3].tobytes()
+    if shape.is_box and not rules.suction:
+        key: tuple[object, ...] = (shape.size.tobytes(), *turns, rules)
+        return list(_KNOWN.get(key, lambda: box_grips(shape.size, start, goal, rules)))
+    key = (shape, *turns, rules)
     return list(_KNOWN.get(key, lambda: _found(shape, (start, goal), rules)))
 
 

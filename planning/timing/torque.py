@@ -20,6 +20,7 @@ import numpy.typing as npt
 import pinocchio
 from scipy import constants
 
+from planning.caches import BoundedCache
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
@@ -40,6 +41,10 @@ _PIECE = 2
 
 _SPARE = 0.01
 """Share of its effort that gravity has to leave a joint which is to move."""
+
+
+_KNOWN: BoundedCache[TorqueScaling] = BoundedCache(2000)
+"""Slowdowns of skills, which plans of the same products share, by robot, payload and motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +123,8 @@ class ArmDynamics:
                 pinocchio.SE3(np.asarray(model.flange @ payload.pose)),
             )
         self._data = self._body.createData()
+        bodies = (own.toDynamicParameters().tobytes() for own in self._body.inertias)
+        self._content = model, down.tobytes(), *bodies
 
     def gravity(self, q: Array) -> Array:
         """Return the gravity load of the joints at ``q``, shape (n,) [N m or N]."""
@@ -174,7 +181,12 @@ class ArmDynamics:
             motion: of the skill; what is executed is as quick, or slower by one factor.
             rows: which; more than one.
         """
-        t, q, v, a = motion.t[rows], motion.q[rows], motion.v[rows], motion.a[rows]
+        own = motion.t[rows], motion.q[rows], motion.v[rows], motion.a[rows]
+        key = self._content, *(x.tobytes() for x in own)
+        return _KNOWN.get(key, lambda: self._along_skill(*own))
+
+    def _along_skill(self, t: Array, q: Array, v: Array, a: Array) -> TorqueScaling:
+        """Return the slowdown of the rows of a skill, see ``along_skill``."""
         turns = np.abs(np.diff(q, axis=0)).sum(axis=1)
         counts = np.maximum(np.ceil(turns / _TURN).astype(np.int64), _PIECE)
         piece, share = _samples(counts)

@@ -9,14 +9,15 @@ thus include the plans for the cell without it, unless this robot is an obstacle
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations, islice
 
 from planning.errors import InfeasibleStepError
 from planning.progress import Progress, no_progress
 from planning.tasks.assembly import Assembly
-from planning.tasks.assignment import AssignmentProblem
+from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.highs_solver import assign_steps
 from scheduling.ordering.plan_rating import PlanRater, RatedPlan
 
@@ -42,9 +43,26 @@ def robot_subsets(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
     return islice(smaller, _MOST_CREWS)
 
 
+def robot_subset_plans(
+    work: Assembly, plan: TaskPlan
+) -> list[tuple[Assembly, TaskPlan]]:
+    """Return the plans of subsets of robots that differ from the plan of all of them, each with its work.
+
+    Args:
+        work: of all robots.
+        plan: of all robots.
+    """
+    found: list[tuple[Assembly, TaskPlan]] = []
+    for crew in robot_subsets(work.problem):
+        own = replace(work, problem=work.problem.among(crew))
+        with suppress(InfeasibleStepError):
+            found.append((own, assign_steps(own.problem)))
+    return [(own, other) for own, other in found if other != plan]
+
+
 def rate_robot_subsets(
     rater: PlanRater,
-    work: Assembly,
+    plans: Sequence[tuple[Assembly, TaskPlan]],
     start: RatedPlan,
     progress: Progress = no_progress,
 ) -> list[RatedPlan]:
@@ -52,19 +70,13 @@ def rate_robot_subsets(
 
     Args:
         rater: rates plans.
-        work: of all robots.
+        plans: see ``robot_subset_plans``.
         start: the plan of all robots.
-        progress: called with how many crews were looked at, and of how many.
+        progress: called with how many plans were rated, and of how many.
     """
     rated = {start.task_plan: start}
-    tried = list(robot_subsets(work.problem))
-    for k, crew in enumerate(tried, start=1):
-        own = replace(work, problem=work.problem.among(crew))
-        try:
-            plan = assign_steps(own.problem)
-        except InfeasibleStepError:
-            plan = start.task_plan
+    for k, (own, plan) in enumerate(plans, start=1):
         if plan not in rated and (found := rater.rate(own, plan)) is not None:
-            rated.setdefault(found.task_plan, replace(found, work=work))
-        progress(k, len(tried))
+            rated.setdefault(found.task_plan, replace(found, work=start.work))
+        progress(k, len(plans))
     return sorted(rated.values(), key=lambda plan: plan.makespan_s)

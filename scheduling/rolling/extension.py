@@ -222,7 +222,7 @@ def extend_graph(
         # Without failed attempts at the end, which have left objects elsewhere.
         kept = [committed.tasks[k].kind != failed for k in chain.task.tolist()]
         searched[place[chain.robot]] = len(kept) - [*kept[::-1], True].index(True)
-    tpg = connect_nodes(DerivedTpg(union), (edges, causes), searched)
+    tpg = connect_nodes(DerivedTpg(union), (edges, causes), searched, count)
     return _with_idle(tpg, order)
 
 

@@ -24,6 +24,7 @@ from scheduling.graph.temporal_plan_graph import (
     joined_corners,
     joined_drives,
 )
+from scheduling.graph.total_order import NodeOrder
 
 _SAME = 1e-9
 """Joint values that differ by less are the same configuration [rad or m]."""
@@ -119,6 +120,23 @@ class SequenceNodes:
             moved[:, column] = chains
             moved[:, column + 1] += self._nodes[segment][chains]
         return moved
+
+    def unordered(
+        self, source: int, target: int, known: NodeOrder | None
+    ) -> list[tuple[int, int]]:
+        """Return the chains of a segment, each with a chain of an earlier one after which not all of its nodes are.
+
+        Args:
+            source, target: the earlier segment and the later one.
+            known: order of the nodes of the sequence, None for none.
+        """
+        before = self._chains[self._order[source]]
+        after = self._chains[self._order[target]]
+        open_ = np.ones((len(after), len(before)), dtype=np.bool_)
+        if known is not None:
+            first = known.first[after] + self._nodes[target][after]
+            open_ = known.clock[first][:, before] < self._nodes[source + 1][before] - 1
+        return [(i, k) for i, k in np.argwhere(open_).tolist()]
 
     def graph(self) -> TemporalPlanGraph:
         """Return the nodes of all segments, without type-2 edges."""

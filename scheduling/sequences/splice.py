@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import product
 
 import numpy as np
 
@@ -41,6 +40,7 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
+from scheduling.graph.total_order import NodeOrder, transitive_reduction
 from scheduling.sequences.sequence import PlanSequence, SequenceNodes
 
 
@@ -55,23 +55,32 @@ def splice_plans(sequence: PlanSequence) -> TemporalPlanGraph:
             next plan begins with it.
     """
     nodes = SequenceNodes(sequence)
-    graph = nodes.graph()
+    graph = DerivedTpg(nodes.graph())
     plans = list(map(_with_all_rests, sequence.plans, sequence.moved()))
     proved = [connect_nodes(plan).edges for plan in plans]
     between = _edges_between(plans)
-    motions: list[Indices] = []
+    tasks = dependency_edges(graph.tpg)
+    order = [segment.plan for segment in sequence.segments]
+    motions = [nodes.edges(proved[plan], m, m) for m, plan in enumerate(order)]
+
+    def search(n: int, m: int, known: NodeOrder | None) -> None:
+        for i, k in nodes.unordered(n, m, known):
+            if len(edges := between(order[n], k, order[m], i)):
+                motions.append(nodes.edges(edges, n, m))
+
+    for m in range(1, len(order)):
+        search(m - 1, m, None)
+    # With dependencies, these order most robots after all that was done in plans before the last one.
+    known = transitive_reduction(graph.ranks, np.concatenate([tasks, *motions]))[0]
     last: dict[int, int] = {}
-    for m, plan in enumerate(segment.plan for segment in sequence.segments):
-        into = [nodes.edges(proved[plan], m, m)]
-        for earlier, n in last.items():
-            into.append(nodes.edges(between(earlier, plan), n, m))
-        motions.append(_last_sources(np.concatenate(into)))
+    for m, plan in enumerate(order):
+        for n in last.values():
+            search(n, m, known)
         last[plan] = m
-    tasks = dependency_edges(graph)
-    edges = np.concatenate([tasks, *motions])
+    edges = np.concatenate([tasks, _last_sources(np.concatenate(motions))])
     cause = np.full(len(edges), MOTION_CONFLICT, dtype=np.uint8)
     cause[: len(tasks)] = TASK_DEPENDENCY
-    return DerivedTpg(graph).with_edges(edges, cause).tpg
+    return graph.with_edges(edges, cause).tpg
 
 
 def _with_all_rests(plan: TemporalPlanGraph, moved: Collection[str]) -> DerivedTpg:
@@ -97,10 +106,13 @@ def _last_sources(edges: Indices) -> Indices:
     return np.asarray(edges[~np.append(same, np.zeros(min(len(edges), 1), bool))])
 
 
-def _edges_between(plans: Sequence[DerivedTpg]) -> Callable[[int, int], Indices]:
-    """Return a function of two plans, earlier and later, that returns the edges between their nodes, shape (e, 4).
+def _edges_between(
+    plans: Sequence[DerivedTpg],
+) -> Callable[[int, int, int, int], Indices]:
+    """Return a function that returns the edges to a chain of a plan from a chain of one executed earlier, shape (e, 4).
 
-    Their objects are different ones, whatever their names: what is done to the same object is ordered by tasks.
+    Its arguments are the earlier plan and its chain, and the later one and its chain. Their objects are different ones,
+    whatever their names: what is done to the same object is ordered by tasks.
     """
     cell = plans[0].tpg.cell
     robots = len(entity_numbers((robot.name for robot in cell.robots), ()))
@@ -118,16 +130,14 @@ def _edges_between(plans: Sequence[DerivedTpg]) -> Callable[[int, int], Indices]
         return own.derive(own.tpg, *same, entities=entities).occupancies
 
     @cache
-    def edges(earlier: int, later: int) -> Indices:
-        before, after = plans[earlier].tpg.chains, plans[later].tpg.chains
+    def edges(earlier: int, k: int, later: int, i: int) -> Indices:
+        before, after = plans[earlier].tpg.chains[k], plans[later].tpg.chains[i]
         found: list[tuple[int, int, int, int]] = []
-        for i, k in product(range(len(after)), range(len(before))):
-            if after[i].robot != before[k].robot:
-                a, b = occupancies(later, objects)[i], occupancies(earlier, 0)[k]
-                floor = np.full(len(after[i]), -1)
-                limit = np.full(len(after[i]), len(before[k]))
-                conflicts = search_conflicts(a, b, floor, limit, table)
-                found += [(k, u, i, v) for v, u in conflicts]
+        if after.robot != before.robot:
+            a, b = occupancies(later, objects)[i], occupancies(earlier, 0)[k]
+            floor, limit = np.full(len(after), -1), np.full(len(after), len(before))
+            conflicts = search_conflicts(a, b, floor, limit, table)
+            found = [(k, u, i, v) for v, u in conflicts]
         return np.array(found, dtype=np.int64).reshape(-1, 4)
 
     return edges

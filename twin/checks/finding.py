@@ -62,7 +62,7 @@ class CheckContext:
     @cached_property
     def built(self) -> Workcell:
         """The cell before the first motion, as in planning."""
-        return build_workcell(self.scenario, self.folder)
+        return build_workcell(self.scenario, self.folder, self.kind.distinct())
 
     @cached_property
     def cell(self) -> Workcell:

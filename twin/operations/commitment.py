@@ -53,6 +53,7 @@ class ReplanTrigger:
         clock: the execution so far; None without time.
         due: whether nothing has happened but that more is to be planned.
         more: products that have been ordered since the beginning.
+        rushed: products of rush orders that have come in, likewise.
         events: events from outside that can still occur, see ``termination``.
     """
 
@@ -64,6 +65,7 @@ class ReplanTrigger:
     clock: Clock | None = None
     due: bool = False
     more: int = 0
+    rushed: int = 0
     events: int = 0
 
 
@@ -246,10 +248,10 @@ def describe_cause(
     if trigger.unwanted:
         steps = ", ".join(map(str, sorted(trigger.unwanted)))
         words.append(f"not wanted any more: steps {steps}")
-    if trigger.more:
-        words.append(
-            f"{trigger.more} more {'products' if trigger.more > 1 else 'product'} wanted"
-        )
+    for wanted, what in ((trigger.more, "more"), (trigger.rushed, "rush")):
+        if wanted:
+            products = "products" if wanted > 1 else "product"
+            words.append(f"{wanted} {what} {products} wanted")
     if new:
         words.append(f"steps {new[0]} to {new[-1]} come next")
     words += [f"a person was asked: {answer}" for answer in answers]

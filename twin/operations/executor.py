@@ -124,8 +124,10 @@ def operate_plan(
         ports=ports,
         keep=lambda number, tpg: save_plan(tpg, folder / VERSIONS / str(number)),
     )
+    come = list(done.rush_after)
+    values = {"assembly.products.rush_after": come} if come else {}
     return Executed(
-        replace(plan, tpg=done.tpg),
+        replace(plan, tpg=done.tpg, scenario=plan.scenario.varied(values)),
         done.record,
         bool(done.versions),
         done.finished,

@@ -37,7 +37,7 @@ from twin.recorders.observers import Observers, Recorder
 from twin.registry import RECOVERIES
 from twin.runs.execution_record import ExecutionRecord
 from twin.scenario.sections.execution import AskSection, StepWindowSection
-from twin.scenario.sections.kind import AssemblyKind, assembly_kind
+from twin.scenario.sections.kind import AssemblyKind
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.disturbances import MachineBreakdowns
 from twin.uncertainty.draws import TaskName
@@ -63,6 +63,7 @@ class Operation:
         partial: whether there are steps of the scenario that were not done, or a robot that is out holds something.
         ended: why the execution ended before its plan was complete; None where no such cause is known.
         window: steps planned at a time; None for all.
+        rush_after: how many products were begun before each one of a rush order that came in.
     """
 
     tpg: TemporalPlanGraph
@@ -77,6 +78,7 @@ class Operation:
     partial: bool = False
     ended: Ending | None = None
     window: StepWindowSection | None = None
+    rush_after: tuple[int, ...] = field(default=(), kw_only=True)
 
     @property
     def finished(self) -> bool:
@@ -109,6 +111,7 @@ class Operation:
             **({"window": self.window.model_dump()} if self.window else {}),
             **({"scrapped": list(self.scrapped)} if self.scrapped else {}),
             **({"reworked": list(self.reworked)} if self.reworked else {}),
+            **({"rush_after": list(self.rush_after)} if self.rush_after else {}),
             **({"ended": asdict(self.ended)} if self.ended else {}),
         }
 
@@ -185,7 +188,7 @@ def operate(
         RollingReplanner,
         planner=planner,
         hold=hold,
-        far=not scenario.execution.may_be_replanned(),
+        far=not (scenario.execution.may_be_replanned() or scenario.kind.rush_s()),
         halting=halting,
         keep=keep,
     )
@@ -201,7 +204,9 @@ def operate(
     for outage in scenario.execution.outages:
         replanner.outage(outage.robot, round(outage.at_s * NANOSECONDS))
     for change in scenario.execution.changes:
-        replanner.order(change.drop, change.more, round(change.at_s * NANOSECONDS))
+        replanner.order(change.drop, change.more, 0, round(change.at_s * NANOSECONDS))
+    for at_s in scenario.kind.rush_s():
+        replanner.order((), 0, 1, round(at_s * NANOSECONDS))
     for k, item in enumerate(late):
         supply.schedule(first + k, round(item.at_s * NANOSECONDS))
     outcome = cell.execute()
@@ -215,7 +220,8 @@ def operate(
     ledger = replanner.state.ledger
     given_up = {**planner.never_begun(replanner.state), **ledger.given_up}
     undone = given_up.keys() | ledger.dropped.keys()
-    kind = assembly_kind(scenario.assembly).written_out()
+    rush_after = replanner.planner.rush_after(replanner.state)
+    kind = scenario.kind.written_out().with_rush(rush_after)
     scrapped = _products_of(ledger.given_up, kind)
     reworked = _products_of(ledger.reworked, kind) or ({1} if ledger.reworked else ())
     executed = with_products(executed, kind, undone)
@@ -258,6 +264,7 @@ def operate(
         cell.ended,
         scenario.execution.step_window,
         reworked=tuple(sorted(reworked)),
+        rush_after=rush_after,
     )
 
 

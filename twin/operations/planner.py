@@ -131,6 +131,10 @@ class Planner(ABC, Generic[State]):
         """Return wanted steps that were never planned because they are infeasible, by number, with the reason."""
         return {}
 
+    def rush_after(self, _state: State) -> tuple[int, ...]:
+        """Return how many products were begun before each one of a rush order that has come in."""
+        return ()
+
     @abstractmethod
     def begun(self, state: State, counts: Sequence[int]) -> set[int]:
         """Return the steps started by given numbers of executed nodes of each chain."""
@@ -203,7 +207,8 @@ class Planner(ABC, Generic[State]):
         seeds = state.seeds.onward(union, len(at.committed.tasks))
         after = replace(after, tpg=union, seeds=seeds, measure=measure)
         answers = [ask.answer for ask in after.ledger.asks[len(state.ledger.asks) :]]
-        fresh = replace(trigger, more=trigger.more - state.ledger.more)
+        rushed = trigger.rushed - len(self.rush_after(state))
+        fresh = replace(trigger, more=trigger.more - state.ledger.more, rushed=rushed)
         planning_s = self.scenario.execution.recovery.planning_s
         version = PlanRevision(
             union,

@@ -8,9 +8,11 @@ see ``failure_triage``. For a restarted step, the integer program chooses grip, 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import InitVar, dataclass, replace
+from dataclasses import InitVar, dataclass, fields, replace
 from functools import partial
+from itertools import chain
 from types import MappingProxyType
 
 from planning.errors import (
@@ -18,7 +20,7 @@ from planning.errors import (
     PlanInvariantError,
     TransitError,
 )
-from planning.tasks.task import TaskKind
+from planning.tasks.task import StepTasks, TaskKind
 from planning.worlds.measured import Poses, choices_at_measured_poses
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World
@@ -27,6 +29,7 @@ from scheduling.planned_motions import PlannedMotions
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from scheduling.rolling.forecast import Clock, forecast_s
 from scheduling.rolling.supply import with_pending_objects
+from twin.host.progress import StageWatch
 from twin.operations.commitment import (
     CommittedPrefix,
     CutPolicy,
@@ -35,6 +38,7 @@ from twin.operations.commitment import (
     TriageResult,
     committed_at,
     executable_lengths,
+    failed_task,
 )
 from twin.operations.failure_triage import (
     FailureTriage,
@@ -125,7 +129,7 @@ class Recovery(Planner[AssemblyState]):
         chosen, work = motions.task_plan, motions.work
         assert work is not None
         window = StepWindow(self.scenario.execution.step_window, motions)
-        self.context = PlanningContext(self.scenario, self.person, window)
+        context = PlanningContext(self.scenario, self.person, window)
         ledger = OperationLedger(
             dependent_steps(tpg.tasks, tpg.allowed, chosen, work.needs),
             given_up=dict(undone),
@@ -136,20 +140,20 @@ class Recovery(Planner[AssemblyState]):
         cell = with_pending_objects(tpg.cell, (), REMOVAL) if removes else tpg.cell
         steps = planned_steps(tpg)
         self.initial = AssemblyState(
-            tpg, TaskSeeds.of(tpg), ledger, cell, chosen, steps, motions
+            tpg, TaskSeeds.of(tpg), ledger, cell, chosen, steps, motions, context
         )
 
     def is_short(self, state: AssemblyState) -> bool:
         """Return whether the plan of a state lacks wanted steps."""
         ledger, planned = state.ledger, len(state.task_plan.choices)
-        return self.context.window.is_short(ledger.given_up, ledger.more, planned)
+        return state.context.window.is_short(ledger.given_up, ledger.more, planned)
 
     def never_begun(self, state: AssemblyState) -> Mapping[int, str]:
         """Return infeasible steps of wanted products, by number, with the reason."""
         ledger, planned = state.ledger, len(state.task_plan.choices)
-        if not ledger.closed or not self.context.window.in_products:
+        if not ledger.closed or not state.context.window.in_products:
             return {}
-        last = self.context.window.last(ledger.given_up, ledger.more)
+        last = state.context.window.last(ledger.given_up, ledger.more)
         return dict.fromkeys(range(planned + 1, last + 1), ledger.closed)
 
     def begun(self, state: AssemblyState, counts: Sequence[int]) -> set[int]:
@@ -161,16 +165,15 @@ class Recovery(Planner[AssemblyState]):
     def due(self, state: AssemblyState, released: Sequence[int]) -> bool:
         """Return whether further steps are due for planning."""
         planned, ledger = len(state.task_plan.choices), state.ledger
-        last = self.context.window.last(ledger.given_up, ledger.more)
-        return not ledger.closed and self.context.window.due(
+        last = state.context.window.last(ledger.given_up, ledger.more)
+        return not ledger.closed and state.context.window.due(
             state.tpg, released, planned, ledger.undone, last
         )
 
     def unplanned(self, state: AssemblyState) -> int:
         """Return the number of steps not planned yet, 0 if no more will be."""
-        return (
-            0 if state.ledger.closed else self.context.window.unplanned(state.task_plan)
-        )
+        window = state.context.window
+        return 0 if state.ledger.closed else window.unplanned(state.task_plan)
 
     def new_steps(self, before: AssemblyState, after: AssemblyState) -> range:
         """Return the numbers of the steps that are planned for the first time."""
@@ -185,17 +188,18 @@ class Recovery(Planner[AssemblyState]):
         more_steps: bool = True,
     ) -> tuple[AssemblyState, Extension]:
         """Return the next state and an extended graph, see ``Planner``."""
+        before, state = state, self._with_rush(state, trigger)
         draft = self._draft(state)
-        ledger, window = draft.ledger, self.context.window
+        ledger, window = draft.ledger, state.context.window
         if more_steps:
             draft.reach = len(state.task_plan.choices)
-            if self.due(state, trigger.released):
+            if state is not before or self.due(state, trigger.released):
                 last = window.last(ledger.given_up, trigger.more)
                 draft.reach = window.after(draft.reach, last)
             draft.motions = window.of_first(draft.motions, draft.reach)
             ledger.more = trigger.more
         allows = partial(
-            self.context.elsewhere.allows, draft.motions.work, draft.task_plan
+            state.context.elsewhere.allows, draft.motions.work, draft.task_plan
         )
         about = self.scenario.execution, ledger, self.person, allows
         is_named = draft.work.is_named
@@ -204,6 +208,49 @@ class Recovery(Planner[AssemblyState]):
         draft.task_plan = choices_at_measured_poses(draft.work, draft.task_plan, there)
         return self._from_best_cut(draft, trigger, triage)
 
+    def rush_after(self, state: AssemblyState) -> tuple[int, ...]:
+        """Return how many products were begun before each one of a rush order that has come in."""
+        return state.context.rush_after
+
+    def _with_rush(self, state: AssemblyState, trigger: ReplanTrigger) -> AssemblyState:
+        """Return a state in which products of rush orders come next of those that are not begun.
+
+        Steps are numbered in the new order; of those that are not begun nothing is planned any more.
+        """
+        context, ledger, ahead = state.context, state.ledger, state.motions.ahead
+        come = trigger.rushed - len(context.rush_after)
+        if come <= 0 or ahead is None:
+            return state
+        begun = {step for step, _ in ledger.tries} | {ask.step for ask in ledger.asks}
+        begun |= {failed_task(state.tpg, failed).step for failed in trigger.failures}
+        for counts, _ in chain.from_iterable(self._cuts(state.tpg, trigger)):
+            begun |= self.begun(state, counts)
+        count = bisect_left(ahead.ends, max(begun)) + 1 if begun else 0
+        last = ahead.ends[count - 1] if count else 0
+        first = max([count, *(before + 1 for before in context.rush_after)])
+        rush_after = (*context.rush_after, *range(first, first + come))
+        kind = self.scenario.kind.written_out().with_rush(rush_after)
+        ahead = kind.ahead(state.motions.cell, StageWatch())
+        motions = replace(state.motions, ahead=ahead, work=ahead.first(last))
+        window = StepWindow(self.scenario.execution.step_window, motions)
+        after = [task for own in state.steps if own.step > last for task in own.tasks]
+        refills = (
+            ahead.built.supply.refills.items()
+        )  # of parts, as nothing else is rushed
+        brings = {name: step for step, own in refills for name, _ in own.parts}
+        steps = [brings.get(task.object, task.step) for task in after]
+        past = (StepTasks(k, (t,), (), ()) for k, t in zip(steps, after, strict=True))
+        given_up = {k: why for k, why in ledger.given_up.items() if k <= last}
+        return replace(
+            state,
+            ledger=replace(ledger, given_up=given_up, closed=""),
+            task_plan=replace(state.task_plan, choices=state.task_plan.choices[:last]),
+            steps=tuple(own for own in state.steps if own.step <= last),
+            past=(*state.past, *past),
+            motions=motions,
+            context=replace(context, window=window, rush_after=rush_after),
+        )
+
     def _draft(
         self,
         state: AssemblyState,
@@ -211,19 +258,9 @@ class Recovery(Planner[AssemblyState]):
         reach: int = 0,
     ) -> Draft:
         """Return a draft of a state, which is not changed."""
-        return Draft(
-            self.context,
-            state.tpg,
-            state.seeds,
-            state.ledger.draft(),
-            state.cell,
-            state.task_plan,
-            state.steps,
-            motions or state.motions,
-            state.past,
-            state.measure,
-            reach,
-        )
+        own = {item.name: getattr(state, item.name) for item in fields(state)}
+        own |= {"ledger": state.ledger.draft(), "motions": motions or state.motions}
+        return Draft(**own, reach=reach)
 
     def _from_best_cut(
         self,
@@ -267,7 +304,9 @@ class Recovery(Planner[AssemblyState]):
         planning_s = self.scenario.execution.recovery.planning_s
         tried = set[tuple[Counts, bool]]()
         for policies in _AS_PLANNED if trigger.due else self.cuts:
-            cuts = [(p.counts(tpg, trigger, planning_s), p.evade) for p in policies]
+            # A rush order does not wait for what would be begun meanwhile.
+            own = (p for p in policies if not (trigger.rushed and p.continuing))
+            cuts = [(p.counts(tpg, trigger, planning_s), p.evade) for p in own]
             yield [cut for cut in dict.fromkeys(cuts) if cut not in tried]
             tried.update(cuts)
 

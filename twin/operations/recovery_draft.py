@@ -6,7 +6,7 @@ A draft belongs to one cut, which divides the nodes of the executed plan into ke
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 from planning.cell.workcell import Workcell, WorldState
 from planning.errors import (
@@ -60,18 +60,20 @@ class AssemblyState(RecoveryState):
         task_plan: the choices.
         steps, past: tasks, as of a world.
         motions: candidates of all steps, with spare objects that are used.
+        context: settings and caches.
     """
 
     cell: Workcell
     task_plan: TaskPlan
     steps: tuple[StepTasks, ...]
     motions: PlannedMotions
+    context: PlanningContext
     past: tuple[StepTasks, ...] = ()
 
 
 @dataclass(frozen=True)
 class PlanningContext:
-    """Settings and caches of a recovery, which no state depends on.
+    """Settings and caches of a recovery, which only rush orders change.
 
     Attributes:
         scenario: scenario with its recovery section.
@@ -79,6 +81,7 @@ class PlanningContext:
         window: how many first steps are planned.
         known: motions that were planned before.
         elsewhere: candidates with parts where they were measured.
+        rush_after: how many products come before each one of a rush order that has come in.
     """
 
     scenario: Scenario
@@ -86,6 +89,7 @@ class PlanningContext:
     window: StepWindow
     known: MotionCache = field(default_factory=MotionCache)
     elsewhere: MeasuredWork = field(default_factory=MeasuredWork)
+    rush_after: tuple[int, ...] = ()
 
 
 @dataclass
@@ -114,17 +118,8 @@ class Draft:
 
     def state(self) -> AssemblyState:
         """Return the resulting state."""
-        return AssemblyState(
-            self.tpg,
-            self.seeds,
-            self.ledger.recorded(),
-            self.cell,
-            self.task_plan,
-            self.steps,
-            self.motions,
-            self.past,
-            measure=self.measure,
-        )
+        own = {item.name: getattr(self, item.name) for item in fields(AssemblyState)}
+        return AssemblyState(**own | {"ledger": self.ledger.recorded()})
 
     @property
     def work(self) -> Assembly:

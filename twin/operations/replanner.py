@@ -81,7 +81,7 @@ class RollingReplanner(Replanner):
         self._failures: list[Failure] = []
         self._out: set[str] = set()
         self._unwanted: set[int] = set()
-        self._more = 0
+        self._more = self._rushed = 0
         cell = execution.tpg.cell
         self._team = {r.name for r in (*cell.robots, *cell.machines)}
         self._to_come = 0
@@ -139,8 +139,8 @@ class RollingReplanner(Replanner):
 
         execution.env.process(stop())
 
-    def order(self, drop: Collection[int], more: int, at_ns: int) -> None:
-        """Cancel steps, and order more products, at a time [ns]."""
+    def order(self, drop: Collection[int], more: int, rush: int, at_ns: int) -> None:
+        """Cancel steps, and order more products, last or in a rush order, at a time [ns]."""
         execution = self._execution
         self._to_come += 1
 
@@ -149,9 +149,11 @@ class RollingReplanner(Replanner):
             self._to_come -= 1
             self._unwanted.update(drop)
             self._more += more
+            self._rushed += rush
             failed = {f.chain: f.node for f in self._failures}
             counts = [failed.get(k, n) for k, n in enumerate(execution.released)]
-            if more or self._unwanted - self.planner.begun(self.state, counts):
+            fresh = self._unwanted - self.planner.begun(self.state, counts)
+            if more or rush or fresh:
                 self._replan()
 
         execution.env.process(change())
@@ -298,6 +300,7 @@ class RollingReplanner(Replanner):
             self._clock(),
             due=not (self._failures or self._out or self._unwanted or self._more),
             more=self._more,
+            rushed=self._rushed,
             events=self._events(),
         )
 

@@ -59,7 +59,8 @@ class StepWindow:
     def after(self, planned: int, last: int) -> int:
         """Return the next number of planned steps after a given one, where more are wanted."""
         assert self._ahead is not None
-        assert self._section is not None
+        if self._section is None:
+            return last
         return min(self._ahead.with_whole_products(planned + self._section.steps), last)
 
     @property
@@ -125,7 +126,7 @@ class StepWindow:
             machines = tpg.machine_chains()
             for k, chain in enumerate(tpg.chains):
                 for node, index in enumerate(chain.task.tolist()):
-                    if k not in machines:
+                    if k not in machines and tpg.tasks[index].step <= planned:
                         found[tpg.tasks[index].step - 1].setdefault(k, node)
             self._begins = tpg, found
         return self._begins[1]

@@ -2,7 +2,7 @@
 
 Each revision of the plan has one of four causes:
 
-1. an external event: a robot or machine goes out of service, an order changes, or a late part is found missing;
+1. an external event: a robot or machine goes out of service, an order changes or comes in, or a late part is missed;
 2. steps enter the planning window;
 3. a person is asked;
 4. all attempts at a skill have failed.
@@ -10,7 +10,7 @@ Each revision of the plan has one of four causes:
 The measure bounds how often each cause can still occur:
 
     mu = (E, N, Q, A),    compared lexicographically
-    E  robots and machines in service + announced order changes still to come + late parts not found missing yet
+    E  robots and machines in service + order changes and rush orders still to come + late parts not found missing yet
     N  steps not planned yet; 0 once the planner has abandoned all further steps
     Q  times * steps - questions asked                                   (0 without a person)
     A  steps * kinds * (again + 1 + robots) - failures since a person last fixed the skill

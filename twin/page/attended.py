@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from planning.tasks.task import TaskKind
+from scheduling.graph.temporal_plan_graph import NodeHandling
 from scheduling.rolling.cut import complete_tasks
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.engine.execution import Execution, Ports
@@ -29,6 +30,7 @@ from twin.page.panel import (
 )
 from twin.runs.events import Event
 from twin.runs.execution_record import Outcome
+from twin.runs.trajectory import Placement
 
 _SHOW_S, _PROGRESS_S = 0.25, 2.0
 """Periods of display updates, and of forecast inputs [s]."""
@@ -73,6 +75,8 @@ class Attendance(Audience):
         self._disturbed: set[tuple[int, int]] = set()
         self._show_s = self._progress_s = 0.0
         self._answered = execution.env.event()
+        begun = filter(execution.tpg.holds_before, execution.tpg.handlings)
+        self._placements = {own.object: _placement(own) for own in begun}
 
     @property
     def _robots(self) -> RemoteRobots:
@@ -93,6 +97,11 @@ class Attendance(Audience):
 
     def record(self, event: Event) -> None:
         """Keep events that people should know."""
+        if event.kind in ("attached", "detached"):
+            key = event.object, self._cell.tpg.chain_index[event.robot], event.node
+            for h in self._cell.tpg.handlings:
+                if (h.object, h.robot, h.node) == key:
+                    self._placements[h.object] = _placement(h)
         if event.kind not in _QUIET:
             label = self._cell.tpg.tasks[event.task].label if event.task >= 0 else ""
             new = "" if event.detail.startswith(label) else label
@@ -120,6 +129,8 @@ class Attendance(Audience):
     def show_progress(self, now_s: float) -> None:
         """Show the progress at the robots' time [s]; called some times a second."""
         robots = self._robots
+        q = {name: state.q for name, state in robots.nodes.states.items()}
+        self._panel.bodies = self._cell.tpg.cell, q, dict(self._placements)
         for name, link in robots.nodes.links.items():
             state = robots.nodes.states.get(name)
             stands = link.held and state is not None and state.mode == "held"
@@ -246,6 +257,10 @@ class Attendance(Audience):
         if self._question:
             return "waits for an answer"
         return "waits for the new plan" if self._replanner.planning else ""
+
+
+def _placement(h: NodeHandling) -> Placement:
+    return Placement(0, h.object, h.holder, h.pose)
 
 
 def _done(end_ns: Sequence[int]) -> int:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from twin.drivers.drivers_file import read_drivers
@@ -14,6 +15,7 @@ from twin.operations.person import AnswerCallback
 from twin.page.attended import AttendedSession
 from twin.page.panel import Panel
 from twin.page.server import PageServer
+from twin.registry import HOOKS
 from twin.runs.folder import EVENTS
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.simulation import scenario_execution
@@ -80,8 +82,15 @@ def _page(
     # Failures are reported by drivers, not drawn.
     model = replace(model, disturbances=Disturbances())
     panel = Panel(case.steps)
-    server = PageServer(panel, model, port, case.name, log)
-    with server.serving():
+    with ExitStack() as stack:
+
+        @cache
+        def scene() -> str:
+            serve = HOOKS.require("live scene", "the 3-D scene")
+            return str(stack.enter_context(serve(case, lambda: panel.bodies)))
+
+        server = PageServer(panel, model, port, case.name, log, scene)
+        stack.enter_context(server.serving())
         if opened is not None:
             opened(server.address)
         yield panel

@@ -8,10 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from planning.cell.workcell import Workcell
+from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import Mode
 from twin.follow.state import FollowedRun
 from twin.operations.person import Question, UnansweredError
+from twin.runs.trajectory import Placement
 
 Action = Literal["hold", "go on", "out", "yes", "no"]
 """Orders of people: to a robot or all, or as the answer to a question."""
@@ -146,6 +149,8 @@ class Panel:
         shown_s: when that was, by the clock of this machine [s].
         so_far: executed part for the forecast; None likewise.
         answers: given answers not yet used; read by the run only.
+        bodies: the executed cell, configurations of robots by name, and placements of objects that have
+            changed hands; None before the run has begun.
     """
 
     steps: int
@@ -154,6 +159,7 @@ class Panel:
     shown_s: float = 0.0
     so_far: NodesSoFar | None = None
     answers: dict[Question, bool] = field(default_factory=dict)
+    bodies: tuple[Workcell, dict[str, Array], dict[str, Placement]] | None = None
 
     def show(self, shown: Shown) -> None:
         """Update the display; called by the run."""

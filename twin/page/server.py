@@ -13,13 +13,13 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from planning.errors import RequestError
+from planning.errors import RequestError, TwinError
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.drift import Drift
 from twin.follow.forecast import Forecast, Forecaster
@@ -65,6 +65,7 @@ class PageServer:
         port: port of this machine, 0 for any free one.
         title: title of the page.
         log: event log of the run, served while it is written; None for none.
+        scene: serves the 3-D scene, and returns its address; None for none.
 
     Raises:
         RequestError: the port is taken.
@@ -77,6 +78,7 @@ class PageServer:
         port: int = 0,
         title: str = "",
         log: Path | None = None,
+        scene: Callable[[], str] | None = None,
     ) -> None:
         try:
             self._socket = socket.create_server((HOST, port))
@@ -87,6 +89,7 @@ class PageServer:
         self.port: int = self._socket.getsockname()[1]
         self.address = f"http://{HOST}:{self.port}/"
         self.token, self.title, self.log = secrets.token_urlsafe(24), title, log
+        self.scene = scene
         self.hosts = {f"{name}:{self.port}" for name in (HOST, "localhost")}
         self.hosts |= {HOST, "localhost"} if self.port == 80 else set()
         self._forecast: Forecast | None = None
@@ -112,7 +115,7 @@ class PageServer:
             self._threads[0].join(timeout=5.0)
 
     async def _serve(self) -> None:
-        answers = (r"/(state|order|)", _PageHandler, {"server": self})
+        answers = (r"/(state|order|scene|)", _PageHandler, {"server": self})
         events = (r"/(events\.jsonl)", _LogHandler, {"server": self})
         application = Application([answers, events], log_function=lambda _: None)
         server = HTTPServer(
@@ -243,9 +246,17 @@ class _LogHandler(_SameOriginHandler):
 class _PageHandler(_SameOriginHandler):
     """Serves the page and receives its orders."""
 
-    def get(self, what: str) -> None:
+    async def get(self, what: str) -> None:
         if what == "state":
             self.finish(self.server.state())
+            return
+        if what == "scene" and self.server.scene is not None:
+            try:
+                self.redirect(await asyncio.to_thread(self.server.scene))
+            except TwinError as error:
+                self.set_status(404)
+                self.set_header("Content-Type", "text/plain; charset=utf-8")
+                self.finish(f"{error}\n")
             return
         if what:
             raise HTTPError(405)

@@ -298,6 +298,9 @@ def _check_robot_names(scenario: Scenario) -> Problems:
             needed = sum(item.more for item in scenario.execution.changes)
             words = f"{-spare} more than there are parts for: assembly.products.spare must be at least {needed}"
             yield ("execution", "changes", i, "more"), words
+        if change.drop and scenario.kind.rush_s():
+            words = "a rush order gives steps other numbers: leave drop or assembly.products.rush out"
+            yield ("execution", "changes", i, "drop"), words
         for k, step in enumerate(change.drop):
             words = f"there is no step {step} (valid: 1 to {count})"
             if step in seen:

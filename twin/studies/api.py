@@ -232,7 +232,9 @@ def study(
         raise RequestError("shortcuts are for planning, not for a plan that is there")
     motions = None
     own_cases = (apply_variation(case.sections, variant) for variant in combined)
-    if operate is None and any(own.execution.rejecting for own in own_cases):
+    if operate is None and any(
+        own.execution.rejecting or own.kind.rush_s() for own in own_cases
+    ):
         with suppress(RequestError):
             require_operable(plan, case, names, combined)
             operate = True

@@ -199,6 +199,8 @@ def workloads(
             fail = tuple(sorted(model.disturbances.failures))
             operated = OperatingWorkload(own, motions, plans[name], fail)
             reasons += tuple(own.execution.describe_unforeseen_events())
+            if own.kind.rush_s():
+                reasons += ("rush orders come in at times of the run's clock",)
         origin = {
             "scenario": scenario_sha256(resolve_scenario(own)),
             "plan": hashes[name],

@@ -59,6 +59,9 @@ _NEAR = 0.05
 _LEAST_GAIN = 0.01
 """Least share by which an assignment must be predicted to end sooner for its motions to be planned."""
 
+_FEWEST_OF_GROUP = 400
+"""Fewest shortcuts tried on the plan of a group of products, of those that all groups share."""
+
 _NO_SKILLS = {
     TaskKind.TRANSIT,
     TaskKind.STRAIGHT,
@@ -136,6 +139,8 @@ def plan_scenario(
     case, watch = scenario, StageWatch(progress, clock=clock)
     if not isinstance(case, LoadedScenario):
         case = LoadedScenario(case, folder)
+    if keep and case.sections.kind.rush_s():
+        case = case.varied({"assembly.products.rush_after": []})
     sections = case.sections
     whole, window = keep or start is not None, sections.execution.step_window
     if motions is None:
@@ -154,16 +159,22 @@ def plan_scenario(
         # Shortened as much as the steps that come after them will be.
         most = sections.execution.recovery.shortcuts
         return _coordinated(case, motions, watch, most)
+    most = MOST_CANDIDATES
+    grouped = motions.further and len(sections.kind.product_ends()) == 1
+    if grouped and sections.planning.shortcut_candidates == "auto":
+        # Groups of products are large, and share the candidates.
+        shared = planned_shortcuts(sections) // (1 + len(motions.further))
+        most = max(shared, _FEWEST_OF_GROUP)
     if wanted:
-        return _wanted(case, motions, watch, wanted, candidates)
-    plan = _shortest(case, motions, watch)
+        return _wanted(case, motions, watch, wanted, min(candidates, most))
+    plan = _shortest(case, motions, watch, most)
     if keep:
         return plan
     used = plan.motions
     # What other plans can be made from is no longer needed, and cannot be saved.
     plan = replace(plan, made_of=replace(used, work=None, further=()))
     if sections.kind.products() > 1:
-        further = [_shortest(case, other, watch) for other in motions.further]
+        further = [_shortest(case, other, watch, most) for other in motions.further]
         return _of_all_products([plan, *further], watch)
     if not bound or used.work is None or "makespan bound" not in HOOKS:
         return plan
@@ -187,7 +198,7 @@ def _wanted(
         promising = _promising_motions(case.sections, unit, watch)
         best = promising.motions[0]
         if len(promising.motions) > 1:
-            best = _best_coordinated(case, promising, watch).motions
+            best = _best_coordinated(case, promising, watch, MOST_CANDIDATES).motions
         made = CoordinatedPlans(
             best, case.sections, lambda: watch, candidates=candidates
         )
@@ -222,11 +233,11 @@ def with_failures(
 
 
 def _shortest(
-    case: LoadedScenario, motions: PlannedMotions, watch: StageWatch
+    case: LoadedScenario, motions: PlannedMotions, watch: StageWatch, most: int
 ) -> PlanResult:
     """Return the shortest plan over assignments and subsets of robots, for the planned products."""
     promising = _promising_motions(case.sections, motions, watch)
-    plan, searched = _best_coordinated(case, promising, watch), promising.searched
+    plan, searched = _best_coordinated(case, promising, watch, most), promising.searched
     idle = find_idle_robots(plan.tpg, motions, case.sections.kind)
     if searched is None:
         return replace(plan, idle=idle)
@@ -235,22 +246,22 @@ def _shortest(
 
 
 def _best_coordinated(
-    case: LoadedScenario, promising: _Promising, watch: StageWatch
+    case: LoadedScenario, promising: _Promising, watch: StageWatch, most: int
 ) -> PlanResult:
     """Return the shortest of the plans of promising motions."""
     first, *others = promising.motions
-    plan = _coordinated(case, first, watch, conflicts=promising.conflicts)
+    plan = _coordinated(case, first, watch, most, promising.conflicts)
     for other in others:
-        plan = _shorter(plan, other, watch)
+        plan = _shorter(plan, other, watch, most)
     return plan
 
 
 def _shorter(
-    plan: PlanResult, motions: PlannedMotions, watch: StageWatch
+    plan: PlanResult, motions: PlannedMotions, watch: StageWatch, most: int
 ) -> PlanResult:
     """Return the plan of other motions if its makespan is shorter, else the given one."""
     try:
-        other = _coordinated(plan.scenario, motions, watch)
+        other = _coordinated(plan.scenario, motions, watch, most)
     except PlanInvariantError:  # no reason to go without the plan that holds
         return plan
     return other if other.makespan_s < plan.makespan_s else plan
@@ -435,7 +446,7 @@ def _promising_motions(
     almost as good are compared. Without shortcuts a graph is cheap, and those of all plans are compared.
     """
     from scheduling.ordering.plan_rating import PlanRater
-    from scheduling.ordering.robot_subsets import rate_robot_subsets
+    from scheduling.ordering.robot_subsets import rate_robot_subsets, robot_subset_plans
 
     crews, searches = chooses_robot_subset(scenario), searches_assignment(scenario)
     if not (crews or searches) or (work := first.work) is None:
@@ -452,14 +463,15 @@ def _promising_motions(
             searched = _search_assignment(scenario, first, work, rater)
         if searched is not None and searched.rated is not None:
             others = [searched.rated]
-    if not (crews or others):
-        return _Promising([first], searched)
     stage = ("assignment", CREWS) if crews else ("assignment_search", SEARCH)
     with watch.stage(*stage):
+        plans = robot_subset_plans(work, first.task_plan) if crews else []
+        if not (plans or others or (crews and straight)):
+            return _Promising([first], searched)
         start = rater.rate_motions(work, first.task_plan, first.motion_plan)
         found = [start]
         if crews:
-            found = rate_robot_subsets(rater, work, start, watch.reporter(CREWS))
+            found = rate_robot_subsets(rater, plans, start, watch.reporter(CREWS))
     if searched is not None:
         gain = replace(searched.gain, rated_start_s=start.makespan_s)
         searched = replace(searched, gain=gain)

@@ -58,7 +58,7 @@ class AdditionPanel:
             (*ROBOTS, *_files(folder, _ROBOTS)),
             hint="Those of twin robots, and descriptions in the scenario's folder",
         )
-        parts = editor.scenario.sections.assembly.kind == "assembly"
+        parts = "sources" in type(editor.scenario.sections.assembly).model_fields
         kinds = ("Robot", "Fixture", *(("Part", "Feeder", "Tray") if parts else ()))
         hint = "On top of what is selected; a feeder or a tray comes with its part"
         keys = gui.add_button_group("Add", kinds, hint=hint)

@@ -85,6 +85,9 @@ class ArrangePanel:
         names = (_NOTHING, *self.movables)
         if tuple(self._selected.options) != names:
             self._selected.options = names
+        robots = tuple(self._scene.robots)
+        if tuple(self._robot.options) != robots:
+            self._robot.options = robots
         movable = self.movables.get(self._selected.value)
         if movable is not None and self._gizmo is not None:
             self._gizmo.position = movable.pose[:3, 3]
@@ -92,6 +95,8 @@ class ArrangePanel:
             self._show_numbers(movable.pose)
             self._scene.show_goal(movable.body, movable.pose)
         words = "**changes are not saved**" if self._editor.unsaved else "saved"
+        if self._editor.problems:
+            words += ", **and not valid: see Findings**"
         self._state.content = f"{self._editor.path.name}: {words}"
 
     def _build_home(self) -> None:
@@ -143,18 +148,17 @@ class ArrangePanel:
     def _top(self) -> Array:
         """Return the middle of the top of what is selected, the origin without a body, shape (3,) [m]."""
         movable = self.movables.get(self._selected.value)
-        box = None if movable is None else self._scene.box(movable.body, movable.pose)
-        if box is None:
-            return np.zeros(3)
-        return np.array([*box[:, :2].mean(axis=0), box[1, 2]])
+        box = self._scene.box(movable.body, movable.pose) if movable else None
+        top = (0.0, 0.0, 0.0) if box is None else (*box[:, :2].mean(axis=0), box[1, 2])
+        return np.array(top)
 
     def _select(self, name: str) -> None:
         if self._gizmo is not None:
             self._gizmo.remove()
             self._gizmo = None
         movable = self.movables.get(name)
-        self._scene.hide_goal()
         if movable is None:
+            self._scene.show_goal("", np.eye(4))
             return
         self._scene.show_goal(movable.body, movable.pose)
         self._show_numbers(movable.pose)
@@ -173,12 +177,8 @@ class ArrangePanel:
         """Move the body along with the handles; change the file when they are let go."""
         pose = self._pose_of(gizmo)
         if self._snap.value:
-            goals = {
-                own.body: own.pose
-                for own in self.movables.values()
-                if own.body.startswith("goals/")
-            }
-            pose = self._scene.snapped(movable.body, pose, goals)
+            poses = {own.body: own.pose for own in self.movables.values() if own.body}
+            pose = self._scene.snapped(movable.body, pose, poses)
         self._show_numbers(pose)
         if phase == "end":
             self._guarded(lambda: self._editor.move(movable.at, pose))

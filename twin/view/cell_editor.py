@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from planning.errors import OutputError, RequestError, TwinError
 from planning.files import read_file, replace_atomically
 from planning.transforms import Transform
-from twin.document.section import Section, iterate_nested
+from twin.document.section import iterate_nested
 from twin.document.validation import InvalidScenarioError
 from twin.document.yaml_text import KeyPath
 from twin.planning.build_workcell import build_workcell
@@ -125,15 +125,15 @@ class CellEditor:
         Orientations are written as angles, and left out where they are not needed.
         """
         text = self._text
-        given = self._section_at(at)
+        given = next(own.pose for own in self.movables() if own.at == at)
         xyz = [float(x) for x in pose[:3, 3]]
         if at not in self.scenario.document.values:
             text = with_value(text, at, {"xyz_m": xyz})
         else:
             text = with_value(text, (*at, "xyz_m"), xyz)
-        if not np.allclose(given.transform()[:3, :3], pose[:3, :3], atol=1e-7):
+        if not np.allclose(given[:3, :3], pose[:3, :3], atol=1e-7):
             turn = Rotation.from_matrix(pose[:3, :3])
-            if given.quat_wxyz is not None:
+            if (*at, "quat_wxyz") in self.scenario.document.values:
                 quat = turn.as_quat(scalar_first=True).tolist()
                 text = with_value(text, (*at, "quat_wxyz"), quat)
             else:
@@ -207,15 +207,6 @@ class CellEditor:
         now = _read(self.path)
         self.replace(now)
         self._on_disk = now
-
-    def _section_at(self, at: KeyPath) -> PoseSection:
-        value: Any = self.scenario.sections
-        for key in at:
-            value = (
-                getattr(value, str(key)) if isinstance(value, Section) else value[key]
-            )
-        assert isinstance(value, PoseSection)
-        return value
 
     def _step(self, source: list[str], target: list[str]) -> bool:
         with self._lock:

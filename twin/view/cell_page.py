@@ -169,8 +169,9 @@ class CellPage:
         """Check the cell as it would be with a pose at a key."""
         editor = self._editor
         if editor is not None and not editor.problems:
-            text = editor.moved(at, pose)
-            self._checks.check(lambda: editor.parsed(text), moving=True)
+            self._checks.check(
+                lambda: editor.parsed(editor.moved(at, pose)), moving=True
+            )
 
     def _show_findings(self, found: Findings) -> None:
         if self._editor is not None and self._editor.problems:

@@ -28,7 +28,7 @@ _OPACITY = 0.28
 _VIEWED_FROM = (0.55, -0.9, 0.6)
 """Position of the camera from the middle of the cell, in sizes of the cell."""
 
-_GRID_COLOUR = (140, 140, 140)
+_GRID_COLOUR = (165, 165, 165)
 """Seen on light and on dark pages, and no brighter than the cell."""
 
 _PANEL_PX = 320
@@ -88,8 +88,6 @@ class CellScene:
                 node.opacity = _OPACITY
         for name in set(self._nodes) - there:
             self._remove(name)
-            for own in (self._vertices, self._boxes):
-                own.pop(name, None)
         self.robots = {robot.name: robot for robot in cell.robots}
 
     @property
@@ -120,24 +118,19 @@ class CellScene:
         return np.array([placed.min(axis=0), placed.max(axis=0)])
 
     def snapped(
-        self, body: str, pose: Transform, goals: Mapping[str, Transform]
+        self, body: str, pose: Transform, poses: Mapping[str, Transform]
     ) -> Transform:
         """Return a pose of a body at which it touches what it nearly touches; see ``contact_shift``.
 
-        Args:
-            body: such as ``fixtures/tray``; a goal touches other goals in place of objects at their start.
-            pose: where it would be.
-            goals: poses of all goals by their bodies.
+        A goal touches other goals, of which the poses are given by their bodies, and no objects at their start.
         """
-        goal = body.startswith("goals/")
+        boxes = self._boxes | {f"/{own}": self.box(own, poses[own]) for own in poses}
+        left_out = "/objects/" if body.startswith("goals/") else "/goals/"
         others = [
-            box
-            for name, box in self._boxes.items()
-            if name != f"/{body}" and not (goal and name.startswith("/objects/"))
+            own
+            for name, own in boxes.items()
+            if own is not None and name != f"/{body}" and not name.startswith(left_out)
         ]
-        for name, own in goals.items() if goal else ():
-            if name != body and (box := self.box(name, own)) is not None:
-                others.append(box)
         box, out = self.box(body, pose), pose.copy()
         if box is not None and others:
             out[:3, 3] += contact_shift(box, np.array(others))
@@ -157,13 +150,10 @@ class CellScene:
         elif f"/{body}" in self._nodes:
             self._place(f"/{body}", pose)
 
-    def hide_goal(self) -> None:
-        """Show no object at its goal."""
-        for name in [own for own in self._nodes if own.startswith("/goals/")]:
-            self._nodes.pop(name).remove()
-
     def show_goal(self, body: str, pose: Transform) -> None:
-        """Show a translucent object at its goal, such as ``goals/brick``, nothing for other bodies."""
+        """Show a translucent object at its goal, such as ``goals/brick``, and no other one; of other bodies none."""
+        for name in [own for own in self._nodes if own.startswith("/goals/")]:
+            self._remove(name)
         whole = self._nodes.get(f"/{body.replace('goals/', 'objects/')}")
         if body.startswith("goals/") and isinstance(whole, viser.MeshHandle):
             self._nodes[f"/{body}"] = self._scene.add_mesh_simple(
@@ -254,7 +244,7 @@ class CellScene:
                 self._vertices[group] = figure.meshes[0].vertices
             self._looks[group] = looks
         figure.base = robot.base
-        self._bound(f"/robots/{robot.name}", robot.base)
+        self._bound(group, robot.base)
         self.move_robot(robot.name, robot.home)
         return {f"{group}/{joint}" for joint in figure.meshes}
 
@@ -288,8 +278,8 @@ class CellScene:
         if name in self._nodes:
             self._nodes.pop(name).remove()
         for key in (name, name.rpartition("/")[0]):
-            self._poses.pop(key, None)
-            self._looks.pop(key, None)
+            for own in (self._poses, self._looks, self._vertices, self._boxes):
+                own.pop(key, None)
 
     def _listen(self, node: str, body: str) -> None:
         self._nodes[node].on_click(lambda _: self._clicked(body))

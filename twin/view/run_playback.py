@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_pose
 from planning.tasks.task import Handling
 from planning.transforms import Array, Transform, from_quat_wxyz
@@ -22,6 +24,22 @@ from twin.trial.run_result import RunResult
 
 _SAME_S = 1e-6
 """Times that differ by less are the same [s]."""
+
+
+def world_poses(
+    placements: Mapping[str, Placement],
+    robots: Mapping[str, PlacedRobot],
+    configurations: Mapping[str, Array],
+) -> dict[str, Transform]:
+    """Return the pose in the world of each placed object that is in the cell."""
+    found = {}
+    for name, own in placements.items():
+        if own.holder is None:
+            found[name] = own.pose
+        elif own.holder != Handling.GONE:
+            hand = frame_pose(robots[own.holder], configurations[own.holder])
+            found[name] = hand @ own.pose
+    return found
 
 
 class RunPlayback:
@@ -67,17 +85,11 @@ class RunPlayback:
             t_s: the time [s].
             configurations: of the robots then.
         """
-        t_ns = round(t_s * NANOSECONDS)
-        found = {}
+        t_ns, placed = round(t_s * NANOSECONDS), {}
         for name, rows in self._placements.items():
-            k = bisect_right(rows, t_ns, key=lambda row: row.t_ns) - 1
-            if k < 0 or rows[k].holder == Handling.GONE:
-                continue
-            pose, holder = rows[k].pose, rows[k].holder
-            if holder is not None:
-                pose = frame_pose(self.robots[holder], configurations[holder]) @ pose
-            found[name] = pose
-        return found
+            if k := bisect_right(rows, t_ns, key=lambda row: row.t_ns):
+                placed[name] = rows[k - 1]
+        return world_poses(placed, self.robots, configurations)
 
     def bar(self, lane: str, t_s: float, ahead: int = 0) -> list[Any]:
         """Return the bar of a lane that has begun last at a time, or one ahead of it; empty for none."""

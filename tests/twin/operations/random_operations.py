@@ -30,6 +30,7 @@ from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operations.operated import STACK, operated, planned
 from tests.twin.operations.reworked import BIN, REWORKED, with_crate
+from tests.twin.planning.test_variants import mix
 from tests.twin.scenarios.ovens import OVEN
 from tests.twin.scenarios.tool_line import AT_RACKS, tool_line
 from twin.operations.operation import Operation
@@ -94,6 +95,17 @@ def _mix() -> str:
     """Return the mix without its shifts, in which all that is rejected is driven again."""
     text = (ROOT / "lines" / "mix.yaml").read_text("utf-8")
     return text[: text.index("  calendar:")]
+
+
+def _rushed() -> str:
+    """Return kits of two variants from trays, a conveyor and feeders, with two rush orders."""
+    folder = Path(tempfile.mkdtemp(prefix="rushed-"))
+    rush = [
+        {"at_s": 25.0, "variant": "long"},
+        {"at_s": 60.0, "count": 2, "variant": "short"},
+    ]
+    file = mix(folder, count=4, spare=1, rush=rush, variants={"short": 1, "long": 1})
+    return file.read_text("utf-8")
 
 
 _FEW_PLACES = {"counts": [1, 1], "pitch_m": [0.1, 0.1]}
@@ -163,6 +175,7 @@ CELLS: dict[str, tuple[Callable[[], str], Values]] = {
     ),
     "oven": (lambda: OVEN, {}),
     "mix": (lambda: _mix(), {"assembly.products.count": 4, "machines": {}}),
+    "rushed": (_rushed, {}),
     "truss": (lambda: _shipped("assembly/truss"), {}),
     "tower": (
         lambda: _shipped("construction/tower"),
@@ -238,6 +251,8 @@ def drawn_values(name: str, seed: int) -> Values:
         ]
         if "spare" in name:
             values["changes"][0]["more"] = 1
+        if name == "rushed":
+            values["changes"] = [{"at_s": values["changes"][0]["at_s"], "more": 1}]
     if draw.random() < 0.3 and (late := _may_be_late(plan_of(name))):
         part = late[int(draw.integers(len(late)))]
         values["late"] = [{"part": part, "at_s": round(draw.uniform(0.0, end_s), 3)}]
@@ -296,6 +311,8 @@ def problems_of(
     """Operate a drawn case, and return what is wrong with it in words."""
     plan, values = plan_of(name), drawn_values(name, seed)
     done, events = operated(plan, seed, **values)
+    if done.rush_after:
+        values["assembly.products.rush_after"] = list(done.rush_after)
     case = plan.scenario.varied(values)
     found = [
         *_order(done),
@@ -351,11 +368,15 @@ def _untold(done: Operation, plan: PlanResult, whole: PlanResult) -> Iterator[st
     idle = (TaskKind.TRANSIT, TaskKind.LEFT_OUT, TaskKind.FAILED)
     last = {task.step: task.kind for task in whole.tpg.tasks if task.kind not in idle}
     wanted = Counter(task.step for task in whole.tpg.tasks if task.kind not in idle)
+    if done.rush_after:  # then steps have other numbers than in the plan
+        kind = assembly_kind(whole.scenario.sections.assembly).written_out()
+        steps = kind.with_rush(done.rush_after).wanted_steps()
+        wanted = Counter(range(1, steps + 1))
     executed = {(t.step, t.kind) for t in done.tpg.tasks if t.kind not in idle}
     for step in wanted:
         skills = {k for s, k in executed if s == step}
         if not skills and step not in undone:
-            yield f"step {step} ({last[step]}) was not done, and is not told"
+            yield f"step {step} ({last.get(step)}) was not done, and is not told"
     # Where parts stand in the end in a run in which nothing fails, something of their kind stands.
     goals = _goals(whole)
     ends = {

@@ -191,6 +191,8 @@ def test_who_is_asked_in_vain_changes_nothing_but_what_is_said(
 )
 # A robot passed the part in the hand of one that is out by too little.
 @example(seed=6032, helps=1.0, times=1, planning_s=25.0, out=True)
+# A robot did not wait for a failed attempt, in which another one held what it lost.
+@example(seed=561, helps=0.5, times=1, planning_s=25.0, out=False)
 def test_whatever_is_asked_for_it_goes_on(
     plan: PlanResult,
     seed: int,

@@ -36,11 +36,22 @@ LEFT = ShownRobot(
 SHOWN = Shown(12.5, (LEFT,), 1, 4, {}, (), "will you help?", 2)
 
 
+ELSEWHERE = "http://127.0.0.1:1/token/"
+REFUSALS: list[str] = []
+
+
+def scene() -> str:
+    """Return the address of a 3-D scene that nobody serves."""
+    if REFUSALS:
+        raise RequestError(REFUSALS.pop())
+    return ELSEWHERE
+
+
 @pytest.fixture(scope="module")
 def server() -> Iterator[PageServer]:
     panel = Panel(steps=4)
     panel.show(SHOWN)
-    own = PageServer(panel, None, title="</script>cell")
+    own = PageServer(panel, None, title="</script>cell", scene=scene)
     with own.serving():
         yield own
 
@@ -92,6 +103,15 @@ def test_the_state_is_what_was_shown_last(server: PageServer) -> None:
     assert content["shown"]["robots"][0]["task"] == "place <b>"
     assert content["shown"]["asked"] == 2
     assert content["forecast"] is None
+
+
+def test_the_scene_is_elsewhere(server: PageServer) -> None:
+    status, _, headers = asked(server, "GET", "/scene")
+    assert (status, headers["Location"]) == (302, ELSEWHERE)
+    REFUSALS.append("install 'assembly-twin[view]'")
+    status, text, headers = asked(server, "GET", "/scene")
+    assert (status, text) == (404, "install 'assembly-twin[view]'\n")
+    assert headers["Content-Type"].startswith("text/plain")
 
 
 @pytest.mark.parametrize(
@@ -152,7 +172,13 @@ def test_what_is_no_json_is_no_order(server: PageServer, body: bytes) -> None:
 )
 @pytest.mark.parametrize(
     ("method", "path"),
-    [("GET", "/"), ("GET", "/state"), ("GET", "/events.jsonl"), ("POST", "/order")],
+    [
+        ("GET", "/"),
+        ("GET", "/state"),
+        ("GET", "/scene"),
+        ("GET", "/events.jsonl"),
+        ("POST", "/order"),
+    ],
 )
 def test_pages_of_others_get_nothing(
     server: PageServer, headers: dict[str, str], method: str, path: str

@@ -268,7 +268,8 @@ def test_an_order_of_layers_is_found_for_alike_parts(tmp_path: Path) -> None:
     file = written(tmp_path, text[: text.index("  machines:")])
     own = load_scenario(file)
     section = assembly_section(own, PartsSection)
-    parts = OrderedParts(build_workcell(own, tmp_path), section)
+    line = write_out_line(section)
+    parts = OrderedParts(build_workcell(own, tmp_path), section, line)
     assert isinstance(parts.found, PartAssembly), parts.found
     heights = [parts.found.goals[step.part][2, 3] for step in parts.found.steps]  # type: ignore[union-attr]
     assert np.allclose(heights, [0.02, 0.02, 0.06, 0.06])

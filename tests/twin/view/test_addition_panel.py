@@ -69,7 +69,7 @@ def test_additions_to_any_scenario(
     try:
         editor.add(*panel.entries(kind))
     except TwinError:
-        # The file has aliases, or its products and the order of its steps do not go with this.
+        # Its products and the order of its steps do not go with this.
         assert content(editor.text) == before
         assert not editor.undo()
         return

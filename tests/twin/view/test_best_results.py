@@ -9,6 +9,7 @@ import pytest
 import twin
 from planning.errors import TwinError
 from tests.twin.explorations.sliders import LEFT, slider_file
+from twin.runs.policies import ASYNCHRONOUS_SHORTCUTS
 from twin.view.api import cell_page
 
 pytestmark = pytest.mark.nightly
@@ -41,11 +42,8 @@ def test_the_best_layout_of_a_study(tmp_path: Path) -> None:
         assert left_base(page) == -0.2
         assert page._answer_chart({})["end_s"] == pytest.approx(0.8)
         assert f"{LEFT} = -0.2" in page._about.content
-    (policy,) = {
-        row["policy"]
-        for row in json.loads((out / "summary.json").read_text())["ranking"][:1]
-    }
-    for ranking in ([{"policy": policy}], 3, [{"policy": policy, "cell": "0"}]):
+    row = {"policy": ASYNCHRONOUS_SHORTCUTS}
+    for ranking in ([row], 3, [{**row, "cell": "0"}], [{"cell": 0}]):
         (out / "summary.json").write_text(json.dumps({"ranking": ranking}))
         with pytest.raises(TwinError, match=r"summary\.json: no summary of this study"):
             cell_page(out, port=8340)

@@ -51,7 +51,6 @@ def test_parts_and_goals_snap_to_what_is_there_then() -> None:
     box = scene.box("goals/motor", found)
     assert box is not None
     np.testing.assert_allclose(box[1] - box[0], [0.06, 0.04, 0.05], atol=1e-9)
-    scene.hide_goal()
     server.stop()
 
 

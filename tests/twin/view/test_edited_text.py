@@ -94,7 +94,11 @@ VALUES = st.one_of(
     st.sampled_from(["on", "1e3", "a: b", "ok", "# no", "", "null", "é\n"]),
     st.integers(-5, 5),
 )
-SHORT = sorted(p for p in shipped_scenarios().values() if p.stat().st_size < 6000)
+SHORT = sorted(
+    path
+    for path in shipped_scenarios().values()
+    if path.stat().st_size < 6000 and ": &" not in path.read_text()  # no aliases
+)
 
 
 @settings(max_examples=60)

@@ -12,10 +12,11 @@ import pytest
 
 import twin
 from tests.browser import WAIT_MS, opened_page, playwright
+from twin.reading.scenario_file import load_scenario
 from twin.scenario.shipped import shipped_scenarios
 from twin.view.api import cell_page
 from twin.view.cell_page import CellPage
-from twin.view.cell_scene import tool_pose
+from twin.view.cell_scene import _AT_FAULT, tool_pose
 
 pytestmark = [pytest.mark.nightly, pytest.mark.timeout(900)]
 
@@ -127,3 +128,51 @@ def test_the_camera_follows_a_robot_whose_motion_is_drawn(
         page.wait_for_timeout(2000)
         # What the browser says of its camera is what it was told.
         np.testing.assert_allclose(looked_at(), tool, atol=1e-3)
+
+
+def test_a_part_is_added_and_nobodys_changes_are_lost(file: Path) -> None:
+    with opened(file, 8372) as (_, frame, _):
+        frame.get_by_text("Add", exact=True).first.click()
+        frame.get_by_role("button", name="Part", exact=True).click()
+        frame.get_by_text("changes are not saved").wait_for()
+        theirs = file.read_text() + "# theirs\n"
+        file.write_text(theirs)
+        frame.get_by_role("button", name="Save", exact=True).click()
+        frame.get_by_text("has changed since it was opened").wait_for()
+        assert file.read_text() == theirs
+        file.write_text("cell: [")
+        frame.get_by_role("button", name="Read again").click()
+        frame.get_by_text("not valid: see Findings").wait_for()
+        frame.get_by_role("tab", name="Findings").click()
+        frame.get_by_text("errors in the file").wait_for()
+        frame.get_by_role("tab", name="Arrange").click()
+        frame.get_by_role("button", name="Undo").click()
+        frame.get_by_text("changes are not saved").wait_for()
+        frame.get_by_role("button", name="Overwrite").click()
+        frame.get_by_text("tray.yaml: saved").wait_for()
+    assembly: Any = load_scenario(file).assembly
+    assert assembly.parts[-1].name == "new"
+
+
+def test_a_body_snaps_and_is_checked_while_it_moves(file: Path) -> None:
+    before = file.read_text()
+    with opened(file, 8374) as (_, frame, shown):
+        frame.get_by_role("tab", name="Findings").click()
+        frame.get_by_text("nothing found").wait_for()
+        panel, editor = shown._arrange, shown._editor
+        assert panel is not None
+        assert editor is not None
+        panel.select_body("objects/motor")
+        gizmo, motor = panel._gizmo, panel.movables["motor start"]
+        assert gizmo is not None
+        above = motor.pose[:3, 3] + [0.0, 0.0, 0.003]
+        gizmo.position = above
+        panel._dragged(motor, gizmo, "update")
+        node: Any = shown._scene._nodes["/objects/motor"]
+        np.testing.assert_allclose(node.position, motor.pose[:3, 3], atol=1e-6)
+        gizmo.position = np.add(above, [3.0, 0.0, 0.0])
+        panel._dragged(motor, gizmo, "update")
+        frame.get_by_text("errors").first.wait_for()
+        assert tuple(node.color) == _AT_FAULT
+        assert not editor.unsaved
+        assert file.read_text() == before

@@ -143,9 +143,12 @@ def batch_problems(section: PartsSection) -> Problems:
         if section.order == "find":
             words = "batches are in the order of the steps: leave order out"
             yield _capacity(section, name), words
-        if products and products.spare:
-            where = ("assembly", "products", "spare")
-            yield where, "no batch is spare: leave spare out, or write capacity: 1"
+        if products and (products.spare or products.rush):
+            key, what = (
+                ("spare", "is spare") if products.spare else ("rush", "is rushed")
+            )
+            where = ("assembly", "products", key)
+            yield where, f"no batch {what}: leave {key} out, or write capacity: 1"
     if sizes and section.changeovers:
         words = (
             "products of a batch alternate: leave changeovers out, or write capacity: 1"

@@ -56,6 +56,9 @@ _GREY_BLUE = (196, 214, 226)
 _ROUNDING = 0.001
 """Rounding tolerance of the depth of joined parts [m]."""
 
+_TOGETHER = 2
+"""Most groups of products that are planned together, see ``PartKind._line_units``."""
+
 ORDERS = "orders tried"
 """Name of the stage for progress displays."""
 
@@ -91,7 +94,7 @@ class PartKind(AssemblyKind):
         """Return the number of steps, of one product or of all."""
         if self.unit is not None:
             return len(self.unit.section.steps)
-        ends = self.product_ends()
+        ends = self.product_ends(range(1, self.products() + 1))
         return ends[-1] if self.whole or self.variants() else ends[0]
 
     def wanted_steps(self) -> int:
@@ -99,22 +102,45 @@ class PartKind(AssemblyKind):
         products = self.section.products
         if products is None or not self.whole:
             return self.steps()
-        return self.product_ends()[min(products.count, len(self.product_ends())) - 1]
+        wanted = len(self.made) - products.spare if self.made else products.count
+        return self.product_ends()[min(wanted, len(self.product_ends())) - 1]
 
-    def product_ends(self) -> Sequence[int]:
+    def product_ends(self, made: Sequence[int] = ()) -> Sequence[int]:
         """Return the number of the last step of each product; of all together where batches interleave them."""
         if self._order:
             return (len(self._order),)
-        steps = {k: self.section.steps_of(k) for k in self.variants()}
+        made = made or self.made or range(1, self.products() + 1)
+        variants = self.variants()
+        steps = {k: self.section.steps_of(k) for k in variants}
         if steps:
-            return list(accumulate(len(steps[k]) for k in self.variants()))
+            return list(accumulate(len(steps[variants[k - 1]]) for k in made))
         count = len(listed_steps(self.section))
-        return range(count, count * self.products() + 1, count)
+        return range(count, count * len(made) + 1, count)
 
     def product_of(self, step: int) -> int:
         """Return the product of a step of all products, both from 1; of a batch, that of its last part."""
-        order = self._order
-        return order[step - 1][-1][0] + 1 if order else super().product_of(step)
+        order, number = self._order, super().product_of(step)
+        if order:
+            return order[step - 1][-1][0] + 1
+        return self.made[number - 1] if self.made else number
+
+    @cached_property
+    def made(self) -> Sequence[int]:
+        """Numbers of the products in the order in which they are made, where rush orders may come in."""
+        products = self.section.products
+        come = self.whole and products and products.rush_after is not None
+        return products.made if products and come else ()
+
+    def rush_s(self) -> tuple[float, ...]:
+        """Return when the products of rush orders come in [s]."""
+        products = self.section.products
+        return tuple(own.at_s for own in products.rushed) if products else ()
+
+    def with_rush(self, after: tuple[int, ...]) -> PartKind:
+        """Return the same with first products of rush orders, given how many products come before each of them."""
+        products = self.section.products
+        own = products and products.changed(rush_after=after)
+        return replace(self, section=self.section.changed(products=own))
 
     @cached_property
     def _order(self) -> Sequence[Sequence[tuple[int, int]]]:
@@ -139,7 +165,8 @@ class PartKind(AssemblyKind):
         products = self.section.products
         if products is None:
             return 1
-        return products.count + (products.spare if self.whole else 0)
+        rush = 0 if products.rush_after is None else len(products.rushed)
+        return products.count + rush + (products.spare if self.whole else 0)
 
     def supply(self) -> str:
         """Return a description of the supply."""
@@ -180,7 +207,7 @@ class PartKind(AssemblyKind):
         from twin.kinds.parts.ordered_parts import OrderedParts
 
         return miss_probabilities(
-            OrderedParts(with_all_tools_mounted(cell), self.section), robots
+            OrderedParts(with_all_tools_mounted(cell), self.section, self.line), robots
         )
 
     def default_durations(self) -> Mapping[str, AnyDuration]:
@@ -297,22 +324,26 @@ class PartKind(AssemblyKind):
             return (self,)
         return tuple(replace(self, unit=unit) for unit in found.units)
 
+    def distinct(self) -> PartKind:
+        """Return the first products of several variants, among which are all that differ."""
+        from twin.kinds.parts.units import distinct_products
+
+        if not self.variants():
+            return self
+        return replace(self, unit=distinct_products(self.section.model_dump_json()))
+
     def _line_units(self) -> LineUnits | None:
         """Return the units of products of several variants, None where products are planned together.
 
-        They are where batches interleave them, where places of a grid are taken by turns, and where the work in
-        progress is bounded.
+        Few groups of products that batches interleave are, as they overlap better.
         """
         from twin.kinds.parts.units import line_units
 
-        products, steps = self.section.products, self.section.steps
-        if self.whole or not self.variants() or self._order:
+        if self.whole or not self.variants():
             return None
-        if products is None or products.in_progress:
-            return None
-        if any(step.at and step.at.grid for step in steps):
-            return None
-        return line_units(self.section.model_dump_json())
+        found = line_units(self.section.model_dump_json())
+        single = all(unit.period == 1 for unit in found.units)
+        return found if single or len(found.order) > _TOGETHER else None
 
     def all_products(self, plans: Sequence[TemporalPlanGraph]) -> TemporalPlanGraph:
         """Return the plan of all products from those of the units, or from that of the first ones."""

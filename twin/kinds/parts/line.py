@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import takewhile
+from itertools import accumulate, takewhile
 from typing import TypeVar
 
 import numpy as np
@@ -117,6 +117,7 @@ class Line:
         changeover_times: durations of the changeovers.
         alike: parts that are alike, kind by kind; of products by their names without numbers.
         places: what the place of each part in a tray or a stack is called.
+        pauses: after how many products and steps, from 1, all that are begun are complete.
     """
 
     section: PartsSection
@@ -130,6 +131,7 @@ class Line:
     changeover_times: tuple[SkillOverride, ...] = ()
     alike: tuple[AlikeParts, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
+    pauses: tuple[tuple[int, int], ...] = ()
 
     @cached_property
     def lags(self) -> Mapping[int, tuple[TimeLag, ...]]:
@@ -234,9 +236,16 @@ class _Writer:
         if whole and products is not None:
             self.products += products.spare
         self.sequence = products.sequence(self.products) if products else ()
+        self.serial = bool(whole and products and products.rush_after is not None)
+        if self.serial and products:
+            self.products += len(products.rushed)
+            known = products.sequence(self.products)
+            made = dict.fromkeys((*products.made, *range(1, self.products + 1)))
+            self.sequence = tuple(known[k - 1] for k in made if known)
         self.own = {
             variant: section.of_variant(variant) for variant in {*self.sequence, ""}
         }
+        self.counts = {name: [0] for name in section.taken}
         # Of several sources that the same parts come from, the places are those of the first one.
         first: dict[str, str] = {}
         for name in section.taken:
@@ -350,7 +359,17 @@ class _Writer:
                 for item, duration in changeovers
             ),
             places=sourced,
+            pauses=tuple(self._pauses()),
         )
+
+    def _pauses(self) -> Iterator[tuple[int, int]]:
+        """Yield how many products and steps are complete when no product is begun and not complete."""
+        begun, ends = 0, Counter(self.ends)
+        complete = accumulate(ends[k] for k in range(1, len(self.order) + 1))
+        for step, done in enumerate(complete, start=1):
+            begun = max(begun, *(product for product, _ in self.order[step - 1]))
+            if begun == done:
+                yield done, step
 
     def _period(self) -> int:
         """Return the period: number of products after which all sources are full and places and machines empty.
@@ -371,8 +390,18 @@ class _Writer:
 
     def _name(self, part: str, product: int) -> str:
         numbered = self.section.products is not None or product > 1
-        own = numbered and part in self.section.placed
-        return product_part_name(part, product) if own else part
+        if not numbered or part not in self.section.placed:
+            return part
+        # Then no order of products changes the names of the parts of a source.
+        number = self._serial(part, product) if self.serial else product
+        return product_part_name(part, number)
+
+    def _serial(self, part: str, product: int) -> int:
+        """Return the number of first products, up to one, that have a part."""
+        counts = self.counts[part]
+        for k in range(len(counts), product + 1):
+            counts.append(counts[-1] + (part in self._of(k).taken))
+        return counts[product]
 
     def _taken(self, source: str) -> list[tuple[str, int]]:
         """Return the parts that are taken from a source, each with its product, in their order.

@@ -12,7 +12,7 @@ from planning.parts.assembly import PartAssembly, Work
 from planning.parts.part_steps import KnownStep, part_steps
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.alike import listed_steps
-from twin.kinds.parts.line import Line, write_out_line
+from twin.kinds.parts.line import Line
 from twin.kinds.parts.section import PartsSection
 
 
@@ -23,15 +23,12 @@ class OrderedParts:
     Attributes:
         cell: its objects are the parts.
         section: the scenario section.
+        line: the products of which these are the parts.
     """
 
     cell: Workcell
     section: PartsSection
-
-    @cached_property
-    def line(self) -> Line:
-        """The products that are planned."""
-        return write_out_line(self.section)
+    line: Line
 
     @cached_property
     def listed(self) -> PartAssembly:

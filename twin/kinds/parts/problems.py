@@ -34,6 +34,7 @@ def find_part_problems(section: PartsSection, cell: CellSection) -> Problems:
     yield from _check_line(section)
     yield from batch_problems(section)
     yield from _check_variants(section)
+    yield from _check_rush(section)
     yield from _check_work(section, cell)
 
 
@@ -281,7 +282,7 @@ def _check_variants(section: PartsSection) -> Problems:
     yield from _check_changeovers(section, variants)
     if products is None or not variants:
         return
-    if products.count + products.spare > _MOST_OF_VARIANTS:
+    if products.count + products.spare + len(products.rushed) > _MOST_OF_VARIANTS:
         words = f"at most {_MOST_OF_VARIANTS} products of several variants are planned, spare ones included"
         yield (*at, "count"), words
     order = () if isinstance(products.order, str) else products.order
@@ -315,6 +316,32 @@ def _check_variants(section: PartsSection) -> Problems:
             if lacking:
                 words = f"of variant {lacking[0]} no step puts {thing} in its place, which this step needs"
                 yield ("assembly", "steps", k), f"{words}: give this step variants"
+
+
+def _check_rush(section: PartsSection) -> Problems:
+    """Yield what depends on the order of products where rush orders change it."""
+    products, words = section.products, "another order of products would change it"
+    if products is None or not products.rush:
+        return
+    made = [section.of_variant(k) for k in products.variants or ("",)]
+    some = {step.known_as for step in section.steps if step.variants}
+    firsts = {part.name: part.sources[:1] for part in section.parts}
+    for name in section.sources:
+        taken = [[k for k in own.taken if firsts[k] == (name,)] for own in made]
+        if len({tuple(own) for own in taken if own}) > 1:
+            what = "give each part a source of its own, or leave rush out"
+            yield ("assembly", "sources", name), f"{words}: {what}"
+    for k, step in enumerate(section.steps):
+        process = section.processes.get(step.process or "")
+        machine = section.machines.get((process and process.machine) or "")
+        least = [x.step for x in step.follows if x.at_least_s]
+        own = step.variants and (least or (machine and machine.door))
+        if own or some.intersection(least):
+            what = "least times and doors are of all variants, or leave rush out"
+            yield ("assembly", "steps", k), f"{words}: {what}"
+    alike = [("parts", i) for i, part in enumerate(section.parts) if part.several]
+    for at in (*alike, *([("changeovers",)] if section.changeovers else [])):
+        yield ("assembly", *at), f"{words}: leave it or products.rush out"
 
 
 def _check_changeovers(

@@ -340,6 +340,22 @@ class OrderSection(Section):
     due_s: Seconds | None = None
 
 
+class RushSection(Section):
+    """A rush order of equal products: it comes in while others are made, and is made next.
+
+    Attributes:
+        at_s: when it comes in, which nobody knows beforehand [s].
+        count: number of products.
+        variant: of them, where there are variants.
+        due_s: when they are due.
+    """
+
+    at_s: Seconds
+    count: Amount = 1
+    variant: Name | None = None
+    due_s: Seconds | None = None
+
+
 class ProductsSection(Section):
     """How many products are made, what becomes of them, and when they are due.
 
@@ -364,6 +380,9 @@ class ProductsSection(Section):
             when not given, ``auto`` for as many as MSER-5 leaves out.
         spare: products for which there are parts besides, and which ``twin operate`` makes in place of those
             that are not made whole, or where more are ordered.
+        rush: orders that come in while others are made, for ``twin operate``.
+        rush_after: how many products were begun before each product of ``rush`` that came in, as ``twin operate``
+            writes it.
     """
 
     count: Annotated[int, Field(ge=1, le=100_000)]
@@ -380,6 +399,8 @@ class ProductsSection(Section):
     leave_by: Name | None = None
     due: DueSection | Several[Seconds] | None = None
     start_up: Annotated[int, Field(ge=0, le=100_000)] | Literal["auto"] | None = None
+    rush: Annotated[tuple[RushSection, ...], Field(max_length=100)] = ()
+    rush_after: tuple[Annotated[int, Field(ge=0)], ...] | None = None
 
     not_both = (("leave_s", "leave"),)
 
@@ -408,6 +429,8 @@ class ProductsSection(Section):
             raise ValueError("give due for each of the variants, for all, or for none")
         if self.orders:
             self._check_orders()
+        if self.rush:
+            self._check_rush()
         return self
 
     def _check_orders(self) -> None:
@@ -425,6 +448,32 @@ class ProductsSection(Section):
         ):
             words = "give due_s for each of the orders, or for none"
             raise ValueError(f"{words}, and neither order nor due")
+
+    def _check_rush(self) -> None:
+        if {own.variant for own in self.rush} - (self.variants.keys() or {None}):
+            known = f"one of {', '.join(self.variants)}" if self.variants else "none"
+            raise ValueError(f"the variant of each of rush must be {known}")
+        own = [self.due, *(one.due for one in self.variants.values())]
+        due = any([*own, *(one.due_s is not None for one in self.orders)])
+        if {one.due_s is not None for one in self.rush} - {due}:
+            words = "give each of rush due_s where products are due, and else none"
+            raise ValueError(words)
+
+    @property
+    def rushed(self) -> list[RushSection]:
+        """The rush order of each product of one, in the order in which they come in."""
+        own = sorted(self.rush, key=lambda one: one.at_s)
+        return [one for one in own for _ in range(one.count)]
+
+    @property
+    def made(self) -> list[int]:
+        """Numbers of the products in the order in which they are made, without rush orders that have not come in."""
+        first = self.count + len(self.rushed) + 1
+        made = [*range(1, self.count + 1), *range(first, first + self.spare)]
+        come = range(self.count + 1, first)
+        for number, before in zip(come, self.rush_after or (), strict=False):
+            made.insert(before, number)
+        return made
 
     @property
     def _ordered(self) -> list[OrderSection]:
@@ -455,6 +504,10 @@ class ProductsSection(Section):
 
     def sequence(self, count: int) -> tuple[str, ...]:
         """Return the variant of each of a number of first products; empty without variants."""
+        if self.rush_after is not None and self.variants:
+            base = self.changed(rush_after=None).sequence(count)
+            rush = [one.variant or "" for one in self.rushed]
+            return (*base[: self.count], *rush, *base[self.count :])[:count]
         if not self.variants:
             return ()
         if self.orders:
@@ -491,7 +544,8 @@ class ProductsSection(Section):
 
     def due_s(self) -> tuple[float, ...]:
         """Return when each product is due [s], nothing where they are not."""
-        return tuple(self._due_s())
+        come = [] if self.rush_after is None else self.rushed
+        return (*self._due_s(), *(one.due_s for one in come if one.due_s is not None))
 
     def _due_s(self) -> Iterator[float]:
         yield from (one.due_s for one in self._ordered if one.due_s is not None)

@@ -1,20 +1,24 @@
-"""Units of a line of several variants: products in their surroundings, each planned once for all equal ones.
+"""Units of a line: products in their surroundings, each planned once for all equal ones.
 
-A unit is one product of a variant, with the slots of sources from which its parts come, its place on a pallet, and
-whatever else is at rest meanwhile: parts of other products, which it knows by their poses alone.
+A unit is one product of a variant, or consecutive ones that batches interleave, with the slots of sources from which
+its parts come, its places in grids and on a pallet, and whatever else is at rest meanwhile: parts of other products,
+which it knows by their poses alone.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
 from planning.cell.machine import machine_robot
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.parts.supply import Changeover, Leaving, Supply
+from planning.parts.supply import Changeover, Leaving
+from planning.parts.work_in_progress import waits_in_progress
 from planning.tasks.refill import PlacedPart
 from planning.tasks.task import (
     STILL,
@@ -29,7 +33,7 @@ from scheduling.sequences.copies import product_part_name
 from scheduling.sequences.sequence import PlanSequence, SequencedPlan
 from twin.kinds.parts.line import Line, write_out_line
 from twin.kinds.parts.section import PartsSection
-from twin.kinds.parts.sources import ProductsSection
+from twin.kinds.parts.sources import ProductsSection, VariantSection
 
 _OTHER = "of-other-products"
 """Name of parts of other products in a unit; a number is added."""
@@ -41,13 +45,13 @@ _Place = tuple[int, int]
 
 @dataclass(frozen=True)
 class LineUnits:
-    """The products of a line, each as one of a few units.
+    """The products of a line in groups, each of them one of a few units.
 
     Attributes:
         line: with all products.
-        units: lines of one product.
-        order: unit of each product.
-        names: of each product the names of the objects of its unit, by their names there.
+        units: lines of the products of one group.
+        order: unit of each group.
+        names: of each group the names of the objects of its unit, by their names there.
     """
 
     line: Line
@@ -70,21 +74,25 @@ class _Sequence:
         self._there: dict[str, _Place] = {}
         self._came: dict[str, list[_Place]] = {}
         self._left: _Place | None = None
+        # The tasks of all groups, numbered through with their steps, and where they are.
+        self._tasks: list[Task] = []
+        self._places: list[_Place] = []
         # What begins and what ends each step of the line, and the changeovers that a step waits for.
         self._steps: dict[int, tuple[_Place, _Place]] = {}
         self._changed: dict[int, list[_Place]] = {}
         self._changes: dict[tuple[str, str], int] = {}
 
     def found(self) -> PlanSequence:
-        before = 0
-        order = zip(self._units.order, self._units.names, strict=True)
-        for product, (unit, names) in enumerate(order, start=1):
-            self._add_product(unit, names, product, before)
+        before = products = 0
+        for unit, names in zip(self._units.order, self._units.names, strict=True):
+            self._add_group(unit, names, products, before)
             count = len(self._units.units[unit].section.steps)
             for step in range(before + 1, before + count + 1):
                 for own in self._line.supply.changeovers_after.get(step, ()):
                     self._add_changeover(own)
-            before += count
+            before, products = before + count, products + self._units.units[unit].period
+        for a, b, _ in waits_in_progress(self._line.supply, self._tasks):
+            self._wait(self._places[a.index], self._places[b.index])
         waits = [row for row in self._waits if row[0] != row[2]]
         rows = np.array(waits, dtype=np.int64).reshape(-1, 4)
         return PlanSequence(tuple(self._plans), tuple(self._planned), rows)
@@ -93,19 +101,23 @@ class _Sequence:
         if before is not None:
             self._waits.append((*before, *here))
 
-    def _add_product(
-        self, unit: int, names: Mapping[str, str], product: int, before: int
+    def _add_group(
+        self, unit: int, names: Mapping[str, str], earlier: int, before: int
     ) -> None:
-        """Add the plan of a product, and what its tasks wait for in earlier ones.
+        """Add the plan of a group after a number of earlier products and steps, and what its tasks wait for in those.
 
-        As within a product, the pick of a part waits for it to be there, a conveyor for room on it, and what is done
+        As within a group, the pick of a part waits for it to be there, a conveyor for room on it, and what is done
         at the place of a product for those to be gone that left last.
         """
         line, m = self._units.units[unit], len(self._planned)
         buffers, products = self._line.supply.buffers, []
         tools = changed_tools(self._plans[unit].tasks)
         for task in self._plans[unit].tasks:
-            here, number = (m, task.index), product
+            here = m, task.index
+            through = before + task.step
+            self._tasks.append(replace(task, index=len(self._tasks), step=through))
+            self._places.append(here)
+            number = earlier + line.origins[task.step - 1][0]
             if task.kind in (TaskKind.ARRIVE, TaskKind.PRESENT):
                 number = self._line.numbers[names[str(task.object)]][1]
             products.append(number)
@@ -173,7 +185,7 @@ def _changeover_plan(
 
 @lru_cache(maxsize=8)
 def line_units(section: str) -> LineUnits:
-    """Return the units of a line of several variants.
+    """Return the units of a line that is written out for all products.
 
     Args:
         section: of the assembly, as JSON; passed its checks.
@@ -182,46 +194,47 @@ def line_units(section: str) -> LineUnits:
 
 
 class _Units:
-    """Follows the parts of a line from product to product."""
+    """Follows the parts of a line from group to group."""
 
     def __init__(self, section: PartsSection) -> None:
         assert section.products is not None
-        self._line = line = write_out_line(section)
-        sequence = section.products.sequence(line.products)
-        self._alone = {
-            variant: write_out_line(_one_product(section.of_variant(variant)))
-            for variant in dict.fromkeys(sequence)
-        }
-        self._sequence = sequence
-        self._parts = {part.name: part for part in line.section.parts}
+        self._section, self._line = section, write_out_line(section)
+        self._sequence = section.products.sequence(self._line.products)
+        self._alone: dict[tuple[str, ...], Line] = {}
+        self._parts = {part.name: part for part in self._line.section.parts}
         # Parts at rest, by name.
-        self._rests = {k: x for k, x in self._parts.items() if k not in line.later}
+        later = self._line.later
+        self._rests = {k: x for k, x in self._parts.items() if k not in later}
 
     def found(self) -> LineUnits:
         units: dict[object, Line] = {}
-        order, every, first = [], [], 0
-        for product, variant in enumerate(self._sequence, start=1):
-            alone = self._alone[variant]
-            steps = range(first + 1, first + 1 + len(alone.section.steps))
-            unit, names = self._unit(alone, product, steps)
-            parts = tuple(part.model_dump_json() for part in unit.section.parts)
+        order, every = [], []
+        for (before, done), (last, step) in pairwise([(0, 0), *self._line.pauses]):
+            variants = self._sequence[before:last]
+            if variants not in self._alone:
+                self._alone[variants] = write_out_line(
+                    _of_first(self._section, variants)
+                )
+            products, steps = range(before + 1, last + 1), range(done + 1, step + 1)
+            unit, names = self._unit(self._alone[variants], products, steps)
             supply = unit.supply
             refilled = [
                 (k, [x for x, _ in own.parts]) for k, own in supply.refills.items()
             ]
-            key = variant, parts, str(refilled), unit.later, len(supply.leaves)
+            left = [(k, len(own.parts)) for k, own in supply.leaves.items()]
+            key = unit.section.model_dump_json(), str((refilled, left)), unit.later
             units.setdefault(key, unit)
             order.append(list(units).index(key))
             every.append(names)
             self._make(steps)
-            first = steps[-1]
         return LineUnits(self._line, tuple(units.values()), tuple(order), tuple(every))
 
     def _unit(
-        self, alone: Line, product: int, steps: range
+        self, alone: Line, products: range, steps: range
     ) -> tuple[Line, Mapping[str, str]]:
-        """Return a product in its surroundings, and the names of the objects there by those in the unit."""
+        """Return a group in its surroundings, and the names of the objects there by those in the unit."""
         supply, numbers = self._line.supply, self._line.numbers
+        earlier, before = products[0] - 1, steps[0] - 1
         coming = [
             name
             for k in steps
@@ -231,14 +244,17 @@ class _Units:
         there = {**self._rests, **{name: self._parts[name] for name in coming}}
         local: dict[str, str] = {}
         others = [
-            name for name in there if numbers.get(name, ("", product))[1] != product
+            name
+            for name in there
+            if name in numbers and numbers[name][1] not in products
         ]
         others.sort(key=lambda name: (name in coming, f"{there[name].start}"))
         for k, name in enumerate(others, start=1):
             local[name] = product_part_name(_OTHER, k)
         for name in there.keys() - local.keys():
+            part, product = numbers.get(name, (name, 0))
             local[name] = (
-                product_part_name(numbers[name][0], 1) if name in numbers else name
+                product_part_name(part, product - earlier) if product else name
             )
         parts = [
             part.changed(name=local[name], **({"goal": None} if name in others else {}))
@@ -248,23 +264,32 @@ class _Units:
         def placed(own: Sequence[PlacedPart]) -> tuple[PlacedPart, ...]:
             return tuple((local[name], pose) for name, pose in own)
 
-        before = steps[0] - 1
+        # Places in grids are those that the line has come to.
+        there_too = self._line.section.steps[before : steps[-1]]
+        own_steps = tuple(
+            own.changed(at=own.at.changed(pose=same.at.pose))
+            if own.at and same.at
+            else own
+            for own, same in zip(alone.section.steps, there_too, strict=True)
+        )
         unit = replace(
             alone,
-            section=alone.section.changed(parts=tuple(parts)),
-            supply=Supply(
-                {
+            section=alone.section.changed(parts=tuple(parts), steps=own_steps),
+            supply=replace(
+                alone.supply,
+                refills={
                     k - before: replace(own, parts=placed(own.parts))
                     for k, own in supply.refills.items()
                     if k in steps
                 },
-                {
+                leaves={
                     k - before: Leaving(own.machine, placed(own.parts))
                     for k, own in supply.leaves.items()
                     if k in steps
                 },
-                alone.supply.elsewhere,
-                frozenset(local[name] for name in there.keys() & supply.sourced),
+                sourced=frozenset(
+                    local[name] for name in there.keys() & supply.sourced
+                ),
             ),
             later=frozenset(local[name] for name in coming),
             products=self._line.products,
@@ -273,17 +298,14 @@ class _Units:
                 **{local[name]: (_OTHER, 0) for name in others},
             },
         )
-        doors = {
-            job.door: job.part for job in alone.jobs.values() if job.door and job.part
-        }
         names = {own: name for name, own in local.items()}
-        names |= {
-            door: product_part_name(part, product) for door, part in doors.items()
-        }
+        for job in alone.jobs.values():
+            if job.door and job.part:
+                names[job.door] = product_part_name(job.part, earlier + job.product)
         return unit, names
 
     def _make(self, steps: range) -> None:
-        """Let the parts of a product come, be put in their places, and leave."""
+        """Let the parts of a group come, be put in their places, and leave."""
         supply = self._line.supply
         for k in steps:
             name = self._line.section.steps[k - 1].place
@@ -296,7 +318,38 @@ class _Units:
                 del self._rests[name]
 
 
-def _one_product(section: PartsSection) -> PartsSection:
-    """Return the section of a variant for one product of no variant."""
-    steps = tuple(step.changed(variants=None) for step in section.steps)
-    return section.changed(steps=steps, products=ProductsSection(count=1))
+def _of_first(section: PartsSection, variants: tuple[str, ...]) -> PartsSection:
+    """Return the section of a line of which only a number of products are made, by their variants."""
+    products = section.products
+    assert products is not None
+    own = ProductsSection(
+        count=len(variants),
+        variants=dict.fromkeys(products.variants, VariantSection()),
+        order=variants,
+        places=products.places,
+        in_progress=products.in_progress,
+        leave_by=products.leave_by,
+    )
+    return section.changed(products=own)
+
+
+@lru_cache(maxsize=8)
+def distinct_products(section: str) -> Line:
+    """Return the first products of a line, among which is every one that differs from the others.
+
+    Products do if they are of different variants, or their parts have other starts, goals or places in grids.
+
+    Args:
+        section: see ``line_units``.
+    """
+    whole = PartsSection.model_validate_json(section)
+    line, content = write_out_line(whole), defaultdict[int, str](str)
+    for part in line.section.parts:
+        name, product = line.numbers.get(part.name, ("", 0))
+        content[product] += f"{name} {part.start} {part.goal};"
+    for step, (product, index) in zip(line.section.steps, line.origins, strict=True):
+        content[product] += f"{index} {step.at and step.at.pose};"
+    first = {content[k]: k for k in range(line.products, 0, -1)}
+    last = next(done for done, _ in line.pauses if done >= max(first.values()))
+    assert whole.products is not None
+    return write_out_line(_of_first(whole, whole.products.sequence(last)))

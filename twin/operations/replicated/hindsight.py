@@ -51,7 +51,8 @@ class Hindsight:
         None where steps were abandoned, or robots, parts or orders changed at clock times, so that the
         two differ in work; and where there is no such plan.
         """
-        if done.given_up or self.scenario.execution.describe_unforeseen_events():
+        unforeseen = self.scenario.execution.describe_unforeseen_events()
+        if done.given_up or self.scenario.kind.rush_s() or unforeseen:
             return None
         tried = [task for task in done.tpg.tasks if task.kind == TaskKind.FAILED]
         handled = [h for task in tried for h in task.handlings]

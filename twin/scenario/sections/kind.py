@@ -157,6 +157,10 @@ class AssemblyKind(Protocol):
         """Return the same with every product planned by itself, where plans else repeat after the first ones."""
         return self
 
+    def distinct(self) -> Self:
+        """Return the assembly with no more products than are needed to check all that differ."""
+        return self
+
     def units(self) -> tuple[Self, ...]:
         """Return what is planned by itself, each as an assembly from HOME to HOME, to be executed as often as needed."""
         return (self,)
@@ -188,6 +192,14 @@ class AssemblyKind(Protocol):
     def product_of(self, step: int) -> int:
         """Return the product of a step, both from 1."""
         return bisect_left(self.product_ends(), step) + 1
+
+    def rush_s(self) -> tuple[float, ...]:
+        """Return when the products of rush orders come in [s]."""
+        return ()
+
+    def with_rush(self, _after: tuple[int, ...]) -> Self:
+        """Return the same with first products of rush orders, given how many products come before each of them."""
+        return self
 
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product; empty where all are equal."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import cached_property, wraps
 
 from twin.checks.finding import CheckContext, Findings, KindChecks
+from twin.kinds.parts.kind import PartKind
 from twin.kinds.parts.ordered_parts import OrderedParts
 from twin.kinds.parts.section import PartsSection
 
@@ -23,7 +24,8 @@ class PartsContext(KindChecks):
     @cached_property
     def parts(self) -> OrderedParts:
         """The assembly in order."""
-        return OrderedParts(self.subject.cell, self.section)
+        line = PartKind(self.section).distinct().line
+        return OrderedParts(self.subject.cell, self.section, line)
 
 
 def ordered_parts(subject: CheckContext) -> OrderedParts:
