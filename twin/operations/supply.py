@@ -22,6 +22,7 @@ class LateSupply(SupplyPort):
     def __init__(self, execution: Execution) -> None:
         self._execution = execution
         self.arriving: dict[int, str] = {}
+        self._late: dict[int, str] = {}
         self.missed: set[str] = set()
         execution.gates.append(lambda chain: chain not in self.arriving)
 
@@ -40,6 +41,7 @@ class LateSupply(SupplyPort):
             execution.redispatch()
 
         self.arriving[chain] = str(execution.tpg.tasks[execution.task[chain][0]].object)
+        self._late[chain] = self.arriving[chain]
         self.lift_unknown()
         execution.env.process(arrive())
 
@@ -53,14 +55,13 @@ class LateSupply(SupplyPort):
         """Return the object of a skill that begins with a node, if it has not arrived."""
         execution, task = self._execution, self._execution.task[chain]
         begins = node == 0 or task[node - 1] != task[node]
-        if (
-            not self.arriving
-            or not begins
-            or not execution.tpg.chains[chain].skill[node]
-        ):
+        skill = begins and execution.tpg.chains[chain].skill[node]
+        if not self._late or not skill or chain in self._late:
             return None
         name = execution.tpg.tasks[task[node]].object
-        return name if name in self.arriving.values() else None
+        # What has been sent for is not there before its message has arrived.
+        out = (own for k, own in self._late.items() if execution.start[k][0] < 0)
+        return name if name in out else None
 
     def miss(self, chain: int, node: int) -> bool:
         """Let a skill fail for good if its object is missing; return whether it is."""

@@ -404,7 +404,9 @@ def _absent(done: Operation, case: LoadedScenario) -> Iterator[str]:
     placements, chains = object_placements(done.tpg, done.record), done.tpg.chain_index
     for task in done.tpg.tasks:
         k = chains.get(task.robot)
-        if task.kind not in case.sections.processes or not task.object or k is None:
+        if k is None or not task.object or done.tpg.cell.is_machine(task.robot):
+            continue
+        if task.kind not in case.sections.processes:
             continue
         node = int(np.argmax(done.tpg.chains[k].task == task.index))
         begin = int(done.record.start_ns[k][node])

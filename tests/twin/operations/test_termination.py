@@ -36,8 +36,10 @@ AT_NIGHT = 10
 KNOWN = {
     "mix": [9010, 9031, 9037],  # a product left without what was on it
     "tools in a line": [9011],  # a flange was bare
-    "reworked": [9011],  # what a person brought was not cleaned as the lost one was
-    "rejecting": [9010, 9031, 9037],  # a part that was scrapped was worked at
+    # What a person brought was not cleaned as the lost one was; a late part was not there.
+    "reworked": [9011, 9119],
+    # A part that was scrapped was worked at, and one that was late.
+    "rejecting": [9010, 9031, 9037, 9115],
     "rejecting to a person": [9007],
 }
 """Operations with findings in the past."""
