@@ -1,23 +1,18 @@
 """The page in a browser, on a phone's width and a desk's: somebody holds a robot, lets it go and answers."""
 
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.browser import CHROMIUM, playwright
 from tests.twin.operations.operated import stack
 from tests.twin.page.beside import ASKS, Beside, failing_first_pick, robot
 from twin.page.server import PageServer
 
 pytestmark = pytest.mark.timeout(300)
-
-playwright = pytest.importorskip("playwright.sync_api")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-if CHROMIUM is None:
-    pytest.skip("there is no Chromium", allow_module_level=True)
 
 ALONE = (
     "--no-sandbox",
