@@ -65,7 +65,7 @@ _RANGES: Mapping[str, UsualRange] = {
     "advance_s refill_s leave_s": UsualRange(1e-3, 86_400, "s", "feeders and products take seconds to minutes"),
     "first_s due due_s": UsualRange(1, 2_592_000, "s", "products are due within hours or days", False),
     "ChangeoverSection.duration cycle_s": UsualRange(0.5, 172_800, "s", "changeovers and cycles take seconds to hours"),
-    "ProductsSection.count OrderSection.count": UsualRange(1, 20_000, "products", "a run makes some to thousands"),
+    "ProductsSection.count OrderSection.count RushSection.count": UsualRange(1, 20_000, "products", "a run makes some to thousands"),
     # Execution.
     "latency_s report_latency_s release_latency_s": UsualRange(1e-6, 2, "s", "messages to and from robots take milliseconds"),
     "queue_depth": UsualRange(1, 1000, "nodes", "controllers are given some motions ahead", False),

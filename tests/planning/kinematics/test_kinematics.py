@@ -285,7 +285,7 @@ def test_unknown_frame_lists_the_frames() -> None:
     robot = placed(robot_model("panda"))
     with pytest.raises(RobotModelError, match="'gripper'") as caught:
         frame_pose(robot, robot.home, "gripper")
-    assert caught.value.choices == ("flange", "tool")
+    assert caught.value.choices == ("flange", "tool", "tip")
 
 
 @settings(max_examples=60, deadline=None)

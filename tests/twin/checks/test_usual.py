@@ -221,7 +221,7 @@ ANY = {
     "RackSection": "xyz_m rpy_deg quat_wxyz", "RingSection": "centre_m start_deg", "RowsSection": "first_m columns pitch_m yaw_deg high",
     "SpiralSection": "growth_m turn_rad high", "TowerSection": "levels", "WallSection": "columns courses joint_m",
     "WellSection": "sides courses section_m joint_m", "PavilionSection": "arches chord_m thickness_m joint_m crown_deg",
-    "ProcessSection": "turn_deg turns", "StepSection": "turn_deg", "ProductsSection": "spare start_up seed in_progress",
+    "ProcessSection": "turn_deg turns", "StepSection": "turn_deg", "ProductsSection": "spare start_up seed in_progress rush_after",
     "MachineSection": "capacity", "OrderSection": "priority", "VariantSection": "share",
     "OrderChange": "drop more", "RecoverySection": "shortcuts", "StepWindowSection": "steps least", "WindowsSection": "hold",
     "ClearanceSection": "contact_tolerance_m",
