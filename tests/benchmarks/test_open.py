@@ -103,6 +103,7 @@ def test_a_planner_of_others_enters(
     assert max(rows) > 2  # it had to go around the post
 
 
+@pytest.mark.nightly
 @pytest.mark.expensive
 def test_a_line_with_feeders_and_a_conveyor_enters(tmp_path: Path) -> None:
     kits = load("kitting").varied({"assembly.products.count": 3})
