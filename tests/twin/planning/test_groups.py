@@ -12,6 +12,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.cell.differences import cell_differences
 from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import Task, TaskKind
 from planning.tasks.task_graph import task_graph
@@ -26,6 +27,7 @@ from tests.twin.written import checked, loaded, written
 from twin.host.progress import StageWatch
 from twin.kinds.parts.section import PartsSection
 from twin.kinds.parts.units import distinct_products, line_units
+from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import plan_motions
 from twin.trial.planning import plan_scenario
 
@@ -118,7 +120,10 @@ def test_a_mix_is_as_if_all_products_were_planned(count: int, tmp_path: Path) ->
     own = loaded(tmp_path, text)
     assert len(own.kind.units()) > 2
     every = plan_motions(own, tmp_path, StageWatch(), whole=True).motion_plan
-    require_same(plan_scenario(own, tmp_path).tpg, every)
+    tpg = plan_scenario(own, tmp_path).tpg
+    require_same(tpg, every)
+    # A plan that is saved is used for a cell with the same objects in the same order.
+    assert list(cell_differences(tpg.cell, build_workcell(own, tmp_path))) == []
 
 
 @settings(max_examples=15, deadline=None)

@@ -352,7 +352,15 @@ class PartKind(AssemblyKind):
         from twin.kinds.parts.pattern import line_pattern
 
         if (units := self._line_units()) is not None:
-            return splice_plans(units.sequence(plans))
+            tpg, line = splice_plans(units.sequence(plans)), units.line
+            # As they are in the cell of the scenario, with which a saved plan is compared.
+            doors = (job.door for job in line.jobs.values() if job.door)
+            names = (*(part.name for part in line.section.parts), *doors)
+            place = {name: k for k, name in enumerate(names)}
+            objects = sorted(
+                tpg.cell.objects, key=lambda x: place.get(x.name, len(place))
+            )
+            return replace(tpg, cell=replace(tpg.cell, objects=tuple(objects)))
         (plan,) = plans
         pattern = line_pattern(self.line, plan.tasks)
         return splice_plans(copies_in_sequence(plan, pattern))
