@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -61,6 +61,9 @@ _LEAST_GAIN = 0.01
 
 _FEWEST_OF_GROUP = 400
 """Fewest shortcuts tried on the plan of a group of products, of those that all groups share."""
+
+_MOST_AGAIN = 100
+"""Most times that a scenario is planned again."""
 
 _NO_SKILLS = {
     TaskKind.TRANSIT,
@@ -181,6 +184,26 @@ def plan_scenario(
     least = HOOKS.load("makespan bound")
     found = least(used.cell, used.work, used.task_plan, used.settings)
     return replace(plan, makespan_bound_s=found)
+
+
+def plan_until_final(
+    made: PlanResult, progress: Report = report_nothing, **how: Any
+) -> PlanResult:
+    """Return a plan of a scenario, made again as long as its kind of assembly asks for that; see ``revised_section``.
+
+    Args:
+        made: the first plan.
+        progress: receives the progress of each stage.
+        how: further arguments with which ``plan_scenario`` made it.
+    """
+    for _ in range(_MOST_AGAIN):
+        case = made.scenario
+        section = case.sections.kind.revised_section(made.tpg)
+        if section is None:
+            break
+        again = replace(case, sections=case.sections.changed(assembly=section))
+        made = plan_scenario(again, progress=progress, **how)
+    return made
 
 
 def _wanted(

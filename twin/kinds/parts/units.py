@@ -31,6 +31,7 @@ from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.sequences.copies import product_part_name
 from scheduling.sequences.sequence import PlanSequence, SequencedPlan
+from twin.kinds.parts.batch_starts import with_batches
 from twin.kinds.parts.line import Line, write_out_line
 from twin.kinds.parts.section import PartsSection
 from twin.kinds.parts.sources import ProductsSection, VariantSection
@@ -38,6 +39,9 @@ from twin.kinds.parts.sources import ProductsSection, VariantSection
 _OTHER = "of-other-products"
 """Name of parts of other products in a unit; a number is added."""
 
+
+_Sizes = tuple[tuple[str, tuple[int, ...]], ...]
+"""Sizes of batches, by machine."""
 
 _Place = tuple[int, int]
 """A plan of the sequence, and a task of it."""
@@ -200,7 +204,7 @@ class _Units:
         assert section.products is not None
         self._section, self._line = section, write_out_line(section)
         self._sequence = section.products.sequence(self._line.products)
-        self._alone: dict[tuple[str, ...], Line] = {}
+        self._alone: dict[tuple[tuple[str, ...], _Sizes], Line] = {}
         self._parts = {part.name: part for part in self._line.section.parts}
         # Parts at rest, by name.
         later = self._line.later
@@ -210,13 +214,12 @@ class _Units:
         units: dict[object, Line] = {}
         order, every = [], []
         for (before, done), (last, step) in pairwise([(0, 0), *self._line.pauses]):
-            variants = self._sequence[before:last]
-            if variants not in self._alone:
-                self._alone[variants] = write_out_line(
-                    _of_first(self._section, variants)
-                )
             products, steps = range(before + 1, last + 1), range(done + 1, step + 1)
-            unit, names = self._unit(self._alone[variants], products, steps)
+            alone = self._sequence[before:last], self._batches(steps)
+            if alone not in self._alone:
+                section = with_batches(self._section, dict(alone[1]))
+                self._alone[alone] = write_out_line(_of_first(section, alone[0]))
+            unit, names = self._unit(self._alone[alone], products, steps)
             supply = unit.supply
             refilled = [
                 (k, [x for x, _ in own.parts]) for k, own in supply.refills.items()
@@ -228,6 +231,15 @@ class _Units:
             every.append(names)
             self._make(steps)
         return LineUnits(self._line, tuple(units.values()), tuple(order), tuple(every))
+
+    def _batches(self, steps: range) -> _Sizes:
+        """Return the sizes of the batches among some steps, by machine for which there are sizes."""
+        jobs = [self._line.jobs[k] for k in steps if k in self._line.jobs]
+        return tuple(
+            (name, tuple(len(job.parts) or 1 for job in jobs if job.machine == name))
+            for name, own in self._section.machines.items()
+            if own.batches
+        )
 
     def _unit(
         self, alone: Line, products: range, steps: range
