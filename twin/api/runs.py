@@ -73,9 +73,10 @@ def plan(
     if moment is not None:
         cut_run = HOOKS.require("cut of a run", "a plan from a run")
         start = cut_run(checked.scenario, moment, out_of_service)
-    made = plan_scenario(checked.scenario, progress=progress, start=start, bound=True)
     if start is None:
-        made = plan_until_final(made, progress, bound=True)
+        made = plan_until_final(checked.scenario, progress=progress, bound=True)
+    else:
+        made = plan_scenario(checked.scenario, progress=progress, start=start)
     return replace(made, warnings=checked.warnings, fits=checked.fits)
 
 
@@ -162,10 +163,9 @@ def run(
     with run_folder(out, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
-        made = ready
-        if made is None:
-            first = plan_scenario(checked.scenario, progress=progress, bound=True)
-            made = plan_until_final(first, progress, bound=True)
+        made = ready or plan_until_final(
+            checked.scenario, progress=progress, bound=True
+        )
         return run_plan_to_folder(
             replace(made, warnings=checked.warnings, fits=checked.fits),
             folder,

@@ -7,7 +7,6 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from planning.errors import RequestError, ScenarioError, TwinError, join_lines
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
@@ -45,8 +44,9 @@ from twin.studies.folder import RefusedLayout, StudyRequest
 from twin.studies.replications.experiment import Experiment
 from twin.studies.replications.timing_graph import timing_graph
 from twin.studies.replications.workload import Workload
+from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_scenario, plan_until_final
+from twin.trial.planning import plan_until_final
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.skill_durations import nominal_ns
 from twin.uncertainty.stop_times import NEVER, draw_stops
@@ -317,9 +317,11 @@ def _planned(request: StudyRequest, layout: Variant, progress: Report) -> Plans:
     if wanted & {IN_SLOTS, SLOTS_SHORTENED}:
         require_no_machines(scenario)
     candidates = request.candidates
-    how: dict[str, Any] = {"wanted": wanted, "candidates": candidates}
-    first = plan_scenario(scenario, request.base, progress, **how)
-    return plan_until_final(first, progress, **how).plans
+    case = LoadedScenario(scenario, request.base)
+    made = plan_until_final(
+        case, progress=progress, wanted=wanted, candidates=candidates
+    )
+    return made.plans
 
 
 def _errors(scenario: Scenario, base: Path) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,10 +144,7 @@ def read_plan(folder: PathOrName, scenario: AnyScenario | None = None) -> PlanRe
     place = Path(folder)
     loaded = scenario_of_run(place) if scenario is None else load(scenario)
     tpg = load_plan(place)
-    section = loaded.sections.kind.section_of_plan(tpg)
-    if section is not None:
-        sections = loaded.sections.changed(assembly=section)
-        loaded = replace(loaded, sections=sections)
+    loaded = loaded.of_plan(tpg)
     found = cell_differences(tpg.cell, build_workcell(loaded.sections, loaded.folder))
     if found:
         raise ScenarioError(

@@ -62,8 +62,8 @@ _LEAST_GAIN = 0.01
 _FEWEST_OF_GROUP = 400
 """Fewest shortcuts tried on the plan of a group of products, of those that all groups share."""
 
-_MOST_AGAIN = 100
-"""Most times that a scenario is planned again."""
+_MOST_PLANS = 100
+"""Most times that a scenario is planned where plans revise it."""
 
 _NO_SKILLS = {
     TaskKind.TRANSIT,
@@ -186,23 +186,19 @@ def plan_scenario(
     return replace(plan, makespan_bound_s=found)
 
 
-def plan_until_final(
-    made: PlanResult, progress: Report = report_nothing, **how: Any
-) -> PlanResult:
-    """Return a plan of a scenario, made again as long as its kind of assembly asks for that; see ``revised_section``.
+def plan_until_final(case: LoadedScenario, **how: Any) -> PlanResult:
+    """Plan a scenario, and again as long as the plan revises it; see ``AssemblyKind.section_of_plan``.
 
     Args:
-        made: the first plan.
-        progress: receives the progress of each stage.
-        how: further arguments with which ``plan_scenario`` made it.
+        case: a checked scenario.
+        how: further arguments of ``plan_scenario``.
     """
-    for _ in range(_MOST_AGAIN):
-        case = made.scenario
-        section = case.sections.kind.revised_section(made.tpg)
-        if section is None:
+    for _ in range(_MOST_PLANS):
+        made = plan_scenario(case, **how)
+        case = made.scenario.of_plan(made.tpg, revised=True)
+        if case.sections == made.scenario.sections:
             break
-        again = replace(case, sections=case.sections.changed(assembly=section))
-        made = plan_scenario(again, progress=progress, **how)
+        how.pop("motions", None)
     return made
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from planning.tasks.task import TimeWindow
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_gaps
@@ -21,20 +20,14 @@ _SAME_S = 1e-6
 
 
 def with_start_windows(product: PartsSection) -> PartsSection:
-    """Return a product in which whatever is put into a machine with ``start_after_s`` has a window until that begins.
-
-    Args:
-        product: with the steps of one product.
-    """
+    """Return a product in which whatever is put into a machine with ``start_after_s`` has a window until that begins."""
     steps = list(product.steps)
     for k, step in enumerate(steps):
-        machine = _machine(product, step)
-        put_in = _put_in(steps, k)
-        if machine is None or machine.start_after_s is None or put_in is None:
-            continue
-        known = steps[put_in].known_as or ""
-        window = AfterSection(step=known, within_s=machine.start_after_s)
-        steps[k] = step.changed(after=(*step.follows, window))
+        machine, put_in = _machine(product, step), _put_in(steps, k)
+        if machine and machine.start_after_s and put_in is not None:
+            known = steps[put_in].known_as or ""
+            window = AfterSection(step=known, within_s=machine.start_after_s)
+            steps[k] = step.changed(after=(*step.follows, window))
     return product.changed(steps=tuple(steps))
 
 
@@ -45,28 +38,27 @@ def waits_in_batches(
 
     Args:
         section: of the assembly.
-        tpg: a plan from the beginning.
+        tpg: a plan.
 
     Returns:
-        By machine with ``start_after_s``, batch by batch.
+        By machine with ``start_after_s``, batch by batch; nothing of a plan that begins in the middle.
     """
+    clocked = {name for name, own in section.machines.items() if own.start_after_s}
+    if not clocked or tpg.cell.begun is not None:
+        return {}
     times, waits = earliest_times(tpg), dict[int, dict[str, float]]()
     gaps = window_gaps(tpg, np.concatenate(times.start), np.concatenate(times.end))
     put_in = {step.at.part for step in section.steps if step.process and step.at}
     for window, gap in zip(tpg.windows, gaps.tolist(), strict=True):
-        machine = section.machines.get(tpg.tasks[window.due].robot)
-        if machine is None or machine.start_after_s is None:
-            continue
-        if window.done == TimeWindow.EARLIER:
-            continue
-        task = tpg.tasks[window.done]
+        task, due = tpg.tasks[window.done], tpg.tasks[window.due]
         name = str(task.object)
-        if task.kind == "place-down" and {name, name.rpartition(".")[0]} & put_in:
+        known = {name, name.rpartition(".")[0]} & put_in
+        if due.robot in clocked and task.kind == "place-down" and known:
             own = waits.setdefault(window.due, {})
             own[name] = min(gap, own.get(name, gap))
     found: dict[str, list[list[float]]] = {}
-    for due in sorted(waits, key=lambda due: tpg.tasks[due].step):
-        found.setdefault(tpg.tasks[due].robot, []).append([*waits[due].values()])
+    for run in sorted(waits, key=lambda run: tpg.tasks[run].step):
+        found.setdefault(tpg.tasks[run].robot, []).append([*waits[run].values()])
     return found
 
 
@@ -83,7 +75,7 @@ def closed_batches(
         longest: that a batch takes parts in after its first one [s].
 
     Returns:
-        None where no batch takes parts in for longer.
+        None where no batch does for longer.
     """
     for k, waits in enumerate(batches):
         for n in range(2, len(waits) + 1):
@@ -92,31 +84,37 @@ def closed_batches(
     return None
 
 
-def with_batches(
-    section: PartsSection, sizes: Mapping[str, tuple[int, ...]]
+def with_planned_batches(
+    section: PartsSection, tpg: TemporalPlanGraph, *, revised: bool
 ) -> PartsSection:
-    """Return the section with the sizes of the first batches of some machines."""
+    """Return the section with the sizes of the batches of a plan, or with those to plan again with.
+
+    Args:
+        section: of the assembly.
+        tpg: a plan.
+        revised: close the first batch of each machine that takes parts in for too long, and change nothing else.
+    """
     machines = dict(section.machines)
-    for name, own in sizes.items():
-        machines[name] = machines[name].changed(batches=own)
+    for name, batches in waits_in_batches(section, tpg).items():
+        own = machines[name]
+        # Those after the ones that are given are full, and the last one is of what is left.
+        small = [k for k, of in enumerate(batches[:-1], 1) if len(of) < own.capacity]
+        sizes: tuple[int, ...] | None = (*map(len, batches[: max(small, default=0)]),)
+        if revised:
+            sizes = closed_batches(batches, own.start_after_s or 0.0)
+        if sizes is not None:
+            machines[name] = own.changed(batches=sizes)
     return section.changed(machines=machines)
 
 
 def batch_start_problems(section: PartsSection) -> Problems:
-    """Yield sizes and starts of batches that cannot be: above the capacity, of several runs, or since nobody knows when."""
+    """Yield sizes and starts of batches that cannot be: above the capacity, of several runs, or counted from no step."""
     sizes, products = batch_sizes(section), section.products
-    variants = (products and products.variants) or [""]
     for name, machine in section.machines.items():
+        key = "start_after_s" if machine.start_after_s else "batches"
         at: KeyPath = ("assembly", "machines", name)
-        starts = machine.start_after_s is not None
-        if not (machine.batches or starts):
+        if not getattr(machine, key):
             continue
-        key = "start_after_s" if starts else "batches"
-        if machine.capacity == 1:
-            yield (
-                (*at, key),
-                f"{key} is of several parts: leave it out, or write capacity: 2",
-            )
         for k, size in enumerate(machine.batches):
             if size > machine.capacity:
                 words = f"must be at most capacity, {machine.capacity}, not {size}"
@@ -125,7 +123,7 @@ def batch_start_problems(section: PartsSection) -> Problems:
             words = f"at most {MOST_UNEVEN} products are made in batches of several sizes: leave {key} out"
             yield ("assembly", "products", "count"), words
         runs = set[Run]()
-        for variant in variants:
+        for variant in (products and products.variants) or [""]:
             numbers = section.steps_of(variant)
             steps = [section.steps[k] for k in numbers]
             for k, run in enumerate(batch_runs(steps, sizes)):
@@ -133,26 +131,14 @@ def batch_start_problems(section: PartsSection) -> Problems:
                     continue
                 runs.add(run)
                 put_in = _put_in(steps, k)
-                where: KeyPath = (
-                    "assembly",
-                    "steps",
-                    numbers[k if put_in is None else put_in],
-                )
-                if starts and put_in is None:
-                    yield (
-                        where,
-                        f"start_after_s of {name} counts from when this is put in: place it by a step before",
-                    )
-                elif starts and put_in is not None and steps[put_in].known_as is None:
-                    yield (
-                        where,
-                        f"start_after_s of {name} counts from when this is complete: give it a name, such as name: loaded",
-                    )
-        if len(runs) > 1:
-            yield (
-                (*at, key),
-                f"{key} is of one run of one process in a product, not of {len(runs)}: leave it out",
-            )
+                named = put_in is not None and steps[put_in].known_as
+                if machine.start_after_s and not named:
+                    where = numbers[k if put_in is None else put_in]
+                    words = f"start_after_s of {name} counts from the step that puts a part there: give that step and its name, such as name: loaded"
+                    yield ("assembly", "steps", where), words
+        if len(runs) != 1:
+            words = f"is of batches (capacity) of one run of one process in a product, not of {len(runs)}"
+            yield (*at, key), f"{key} {words}: leave it out"
 
 
 def _machine(section: PartsSection, step: StepSection) -> MachineSection | None:

@@ -23,11 +23,7 @@ from twin.kinds.parts.alike import (
     listed_steps,
     with_named_parts,
 )
-from twin.kinds.parts.batch_starts import (
-    closed_batches,
-    waits_in_batches,
-    with_batches,
-)
+from twin.kinds.parts.batch_starts import with_planned_batches
 from twin.kinds.parts.batches import batch_sizes, first_batches, order_in_batches
 from twin.kinds.parts.line import Line, machine_durations, write_out_line
 from twin.kinds.parts.problems import (
@@ -161,24 +157,11 @@ class PartKind(AssemblyKind):
         given = first_batches(section)
         return order_in_batches([listed[k] for k in variants], sizes, given)
 
-    def revised_section(self, plan: TemporalPlanGraph) -> PartsSection | None:
-        """Return the section in which the first batch is closed that takes parts in for too long; None without one."""
-        for name, batches in waits_in_batches(self.section, plan).items():
-            longest = self.section.machines[name].start_after_s or 0.0
-            if (sizes := closed_batches(batches, longest)) is not None:
-                return with_batches(self.section, {name: sizes})
-        return None
-
-    def section_of_plan(self, plan: TemporalPlanGraph) -> PartsSection | None:
-        """Return the section with the batches of a plan; None without ``start_after_s``."""
-        sizes: dict[str, tuple[int, ...]] = {}
-        for name, batches in waits_in_batches(self.section, plan).items():
-            # The last one is of what is left, and later ones than given are full anyway.
-            own, full = [*map(len, batches[:-1])], self.section.machines[name].capacity
-            while own and own[-1] == full:
-                own.pop()
-            sizes[name] = tuple(own)
-        return with_batches(self.section, sizes) if sizes else None
+    def section_of_plan(
+        self, plan: TemporalPlanGraph, *, revised: bool = False
+    ) -> PartsSection:
+        """Return the section with the batches of a plan, or with those to plan again with."""
+        return with_planned_batches(self.section, plan, revised=revised)
 
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product, spare ones included if expanded; empty without variants."""

@@ -31,12 +31,7 @@ from twin.scenario.sections.shapes import (
     Vector3,
 )
 
-MOST_TOGETHER = 100
-"""Most parts that a machine works at together."""
-
-MOST_GIVEN = 5000
-"""Most batches whose sizes are given."""
-
+Together = Annotated[int, Field(ge=1, le=100)]
 Distance = Annotated[float, Field(ge=1e-4, le=1)]
 Positions = Annotated[int, Field(ge=1, le=50)]
 Margin = Annotated[float, Field(ge=0, le=1)]
@@ -69,11 +64,8 @@ class MachineSection(Section):
 
     door: DoorSection | None = None
     fixtures: tuple[Name, ...] = ()
-    capacity: Annotated[int, Field(ge=1, le=MOST_TOGETHER)] = 1
-    batches: Annotated[
-        tuple[Annotated[int, Field(ge=1, le=MOST_TOGETHER)], ...],
-        Field(max_length=MOST_GIVEN),
-    ] = ()
+    capacity: Together = 1
+    batches: Annotated[tuple[Together, ...], Field(max_length=5000)] = ()
     start_after_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
 
 

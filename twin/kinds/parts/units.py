@@ -8,7 +8,7 @@ which it knows by their poses alone.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -31,7 +31,6 @@ from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.sequences.copies import product_part_name
 from scheduling.sequences.sequence import PlanSequence, SequencedPlan
-from twin.kinds.parts.batch_starts import with_batches
 from twin.kinds.parts.line import Line, write_out_line
 from twin.kinds.parts.section import PartsSection
 from twin.kinds.parts.sources import ProductsSection, VariantSection
@@ -39,9 +38,6 @@ from twin.kinds.parts.sources import ProductsSection, VariantSection
 _OTHER = "of-other-products"
 """Name of parts of other products in a unit; a number is added."""
 
-
-_Sizes = tuple[tuple[str, tuple[int, ...]], ...]
-"""Sizes of batches, by machine."""
 
 _Place = tuple[int, int]
 """A plan of the sequence, and a task of it."""
@@ -204,7 +200,7 @@ class _Units:
         assert section.products is not None
         self._section, self._line = section, write_out_line(section)
         self._sequence = section.products.sequence(self._line.products)
-        self._alone: dict[tuple[tuple[str, ...], _Sizes], Line] = {}
+        self._alone: dict[object, Line] = {}
         self._parts = {part.name: part for part in self._line.section.parts}
         # Parts at rest, by name.
         later = self._line.later
@@ -215,10 +211,10 @@ class _Units:
         order, every = [], []
         for (before, done), (last, step) in pairwise([(0, 0), *self._line.pauses]):
             products, steps = range(before + 1, last + 1), range(done + 1, step + 1)
-            alone = self._sequence[before:last], self._batches(steps)
+            variants = self._sequence[before:last]
+            alone = variants, tuple(self._batches(steps))
             if alone not in self._alone:
-                section = with_batches(self._section, dict(alone[1]))
-                self._alone[alone] = write_out_line(_of_first(section, alone[0]))
+                self._alone[alone] = write_out_line(_of_first(self._section, *alone))
             unit, names = self._unit(self._alone[alone], products, steps)
             supply = unit.supply
             refilled = [
@@ -232,14 +228,13 @@ class _Units:
             self._make(steps)
         return LineUnits(self._line, tuple(units.values()), tuple(order), tuple(every))
 
-    def _batches(self, steps: range) -> _Sizes:
-        """Return the sizes of the batches among some steps, by machine for which there are sizes."""
+    def _batches(self, steps: range) -> Iterator[tuple[str, tuple[int, ...]]]:
+        """Yield machines for which there are sizes of batches, each with those among some steps."""
         jobs = [self._line.jobs[k] for k in steps if k in self._line.jobs]
-        return tuple(
-            (name, tuple(len(job.parts) or 1 for job in jobs if job.machine == name))
-            for name, own in self._section.machines.items()
-            if own.batches
-        )
+        for name, machine in self._section.machines.items():
+            own = (len(job.parts) or 1 for job in jobs if job.machine == name)
+            if machine.batches:
+                yield name, tuple(own)
 
     def _unit(
         self, alone: Line, products: range, steps: range
@@ -330,8 +325,12 @@ class _Units:
                 del self._rests[name]
 
 
-def _of_first(section: PartsSection, variants: tuple[str, ...]) -> PartsSection:
-    """Return the section of a line of which only a number of products are made, by their variants."""
+def _of_first(
+    section: PartsSection,
+    variants: tuple[str, ...],
+    batches: Sequence[tuple[str, tuple[int, ...]]] = (),
+) -> PartsSection:
+    """Return the section of a line of which only a number of products are made, by their variants, in some batches."""
     products = section.products
     assert products is not None
     own = ProductsSection(
@@ -342,7 +341,10 @@ def _of_first(section: PartsSection, variants: tuple[str, ...]) -> PartsSection:
         in_progress=products.in_progress,
         leave_by=products.leave_by,
     )
-    return section.changed(products=own)
+    machines = dict(section.machines)
+    for name, sizes in batches:
+        machines[name] = machines[name].changed(batches=sizes)
+    return section.changed(products=own, machines=machines)
 
 
 @lru_cache(maxsize=8)

@@ -205,12 +205,10 @@ class AssemblyKind(Protocol):
         """Return the variant of each product; empty where all are equal."""
         return ()
 
-    def revised_section(self, _plan: TemporalPlanGraph) -> AssemblySection | None:
-        """Return the section to plan in place of its own, given its plan, such as with smaller batches; None for none."""
-        return None
-
-    def section_of_plan(self, _plan: TemporalPlanGraph) -> AssemblySection | None:
-        """Return the section with what was added to it before a plan was final; None where nothing may be."""
+    def section_of_plan(
+        self, _plan: TemporalPlanGraph, *, revised: bool = False
+    ) -> AssemblySection | None:
+        """Return the section with what a plan says of it, or revised by that to plan again; None for its own."""
         return None
 
     def due(self) -> tuple[tuple[float, ...], StartUp]:
