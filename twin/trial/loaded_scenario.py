@@ -22,7 +22,7 @@ from twin.scenario.shipped import scenario_path
 from twin.scenario.variations import apply_variation, is_of_execution
 
 if TYPE_CHECKING:
-    from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+    from twin.scenario.sections.kind import AssemblySection
 
 PathOrName = str | PathLike[str]
 """Path of a file or folder."""
@@ -92,11 +92,8 @@ class LoadedScenario:
             raise ScenarioError(f"cannot vary {', '.join(values)}: {said}")
         return replace(self, sections=sections)
 
-    def of_plan(
-        self, tpg: TemporalPlanGraph, *, revised: bool = False
-    ) -> LoadedScenario:
-        """Return the scenario with what a plan says of its assembly, or revised by that to plan again."""
-        section = self.sections.kind.section_of_plan(tpg, revised=revised)
+    def with_assembly(self, section: AssemblySection | None) -> LoadedScenario:
+        """Return the scenario with another section of its assembly, unchanged where that is None."""
         changed = {} if section is None else {"assembly": section}
         return replace(self, sections=self.sections.changed(**changed))
 

@@ -187,7 +187,7 @@ def plan_scenario(
 
 
 def plan_until_final(case: LoadedScenario, **how: Any) -> PlanResult:
-    """Plan a scenario, and again as long as the plan revises it; see ``AssemblyKind.section_of_plan``.
+    """Plan a scenario, and again as long as the plan revises it; see ``AssemblyKind.revised_section``.
 
     Args:
         case: a checked scenario.
@@ -195,9 +195,10 @@ def plan_until_final(case: LoadedScenario, **how: Any) -> PlanResult:
     """
     for _ in range(_MOST_PLANS):
         made = plan_scenario(case, **how)
-        case = made.scenario.of_plan(made.tpg, revised=True)
-        if case.sections == made.scenario.sections:
+        section = made.scenario.sections.kind.revised_section(made.tpg)
+        if section is None:
             break
+        case = made.scenario.with_assembly(section)
         how.pop("motions", None)
     return made
 

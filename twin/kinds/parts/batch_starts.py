@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -36,15 +36,10 @@ def waits_in_batches(
 ) -> dict[str, list[list[float]]]:
     """Return how long before each batch begins its parts are in the machine at nominal times, in their order [s].
 
-    Args:
-        section: of the assembly.
-        tpg: a plan.
-
-    Returns:
-        By machine with ``start_after_s``, batch by batch; nothing of a plan that begins in the middle.
+    They are by machine with ``start_after_s``, batch by batch; the plan is one from the beginning.
     """
     clocked = {name for name, own in section.machines.items() if own.start_after_s}
-    if not clocked or tpg.cell.begun is not None:
+    if not clocked:
         return {}
     times, waits = earliest_times(tpg), dict[int, dict[str, float]]()
     gaps = window_gaps(tpg, np.concatenate(times.start), np.concatenate(times.end))
@@ -84,26 +79,13 @@ def closed_batches(
     return None
 
 
-def with_planned_batches(
-    section: PartsSection, tpg: TemporalPlanGraph, *, revised: bool
+def with_batches(
+    section: PartsSection, sizes: Mapping[str, tuple[int, ...]]
 ) -> PartsSection:
-    """Return the section with the sizes of the batches of a plan, or with those to plan again with.
-
-    Args:
-        section: of the assembly.
-        tpg: a plan.
-        revised: close the first batch of each machine that takes parts in for too long, and change nothing else.
-    """
+    """Return the section with the sizes of the first batches of some machines."""
     machines = dict(section.machines)
-    for name, batches in waits_in_batches(section, tpg).items():
-        own = machines[name]
-        # Those after the ones that are given are full, and the last one is of what is left.
-        small = [k for k, of in enumerate(batches[:-1], 1) if len(of) < own.capacity]
-        sizes: tuple[int, ...] | None = (*map(len, batches[: max(small, default=0)]),)
-        if revised:
-            sizes = closed_batches(batches, own.start_after_s or 0.0)
-        if sizes is not None:
-            machines[name] = own.changed(batches=sizes)
+    for name in sizes.keys() & machines.keys():
+        machines[name] = machines[name].changed(batches=sizes[name])
     return section.changed(machines=machines)
 
 

@@ -7,6 +7,7 @@ which it knows by their poses alone.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,6 +32,7 @@ from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.sequences.copies import product_part_name
 from scheduling.sequences.sequence import PlanSequence, SequencedPlan
+from twin.kinds.parts.batch_starts import with_batches
 from twin.kinds.parts.line import Line, write_out_line
 from twin.kinds.parts.section import PartsSection
 from twin.kinds.parts.sources import ProductsSection, VariantSection
@@ -229,12 +231,12 @@ class _Units:
         return LineUnits(self._line, tuple(units.values()), tuple(order), tuple(every))
 
     def _batches(self, steps: range) -> Iterator[tuple[str, tuple[int, ...]]]:
-        """Yield machines for which there are sizes of batches, each with those among some steps."""
-        jobs = [self._line.jobs[k] for k in steps if k in self._line.jobs]
+        """Yield machines for which there are sizes of batches, each with those of its batches among some steps."""
         for name, machine in self._section.machines.items():
-            own = (len(job.parts) or 1 for job in jobs if job.machine == name)
             if machine.batches:
-                yield name, tuple(own)
+                runs = [k for k, job in self._line.jobs.items() if job.machine == name]
+                first, last = bisect_left(runs, steps[0]), bisect_right(runs, steps[-1])
+                yield name, machine.batches[first:last]
 
     def _unit(
         self, alone: Line, products: range, steps: range
@@ -341,10 +343,7 @@ def _of_first(
         in_progress=products.in_progress,
         leave_by=products.leave_by,
     )
-    machines = dict(section.machines)
-    for name, sizes in batches:
-        machines[name] = machines[name].changed(batches=sizes)
-    return section.changed(products=own, machines=machines)
+    return with_batches(section.changed(products=own), dict(batches))
 
 
 @lru_cache(maxsize=8)

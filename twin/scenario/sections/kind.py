@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, Self, get_args
 
@@ -205,10 +205,14 @@ class AssemblyKind(Protocol):
         """Return the variant of each product; empty where all are equal."""
         return ()
 
-    def section_of_plan(
-        self, _plan: TemporalPlanGraph, *, revised: bool = False
+    def revised_section(self, _plan: TemporalPlanGraph) -> AssemblySection | None:
+        """Return the section to plan again with, given a plan of its own; None where that is final."""
+        return None
+
+    def as_planned(
+        self, _planned: Callable[[], AssemblySection]
     ) -> AssemblySection | None:
-        """Return the section with what a plan says of it, or revised by that to plan again; None for its own."""
+        """Return the section with what planning has added to the one that was planned; None where it adds nothing."""
         return None
 
     def due(self) -> tuple[tuple[float, ...], StartUp]:
