@@ -187,12 +187,7 @@ def plan_scenario(
 
 
 def plan_until_final(case: LoadedScenario, **how: Any) -> PlanResult:
-    """Plan a scenario, and again as long as the plan revises it; see ``AssemblyKind.revised_section``.
-
-    Args:
-        case: a checked scenario.
-        how: further arguments of ``plan_scenario``.
-    """
+    """Plan a scenario as ``plan_scenario`` does, and again as long as ``AssemblyKind.revised_section`` revises it."""
     for _ in range(_MOST_PLANS):
         made = plan_scenario(case, **how)
         section = made.scenario.sections.kind.revised_section(made.tpg)
