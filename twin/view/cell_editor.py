@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from planning.errors import OutputError, RequestError, TwinError
 from planning.files import read_file, replace_atomically
-from planning.transforms import Transform
+from planning.transforms import Array, Transform, quat_wxyz
 from twin.document.section import iterate_nested
 from twin.document.validation import InvalidScenarioError
 from twin.document.yaml_text import KeyPath
@@ -57,7 +56,7 @@ class Movable:
 
 
 class CellEditor:
-    """A scenario file under change.
+    """A scenario file under change: one change at a time, which callers see to.
 
     Args:
         path: the file.
@@ -76,7 +75,6 @@ class CellEditor:
         self._text = self._on_disk = _read(path)
         self._undo: list[str] = []
         self._redo: list[str] = []
-        self._lock = threading.RLock()
         self.problems: tuple[str, ...] = ()
         self.scenario = self.parsed(self._text)
 
@@ -123,22 +121,24 @@ class CellEditor:
         """Return the text with another pose at a key.
 
         Orientations are written as angles, and left out where they are not needed.
+
+        Raises:
+            RequestError: there is no pose at the key.
         """
         text = self._text
-        given = next(own.pose for own in self.movables() if own.at == at)
+        given = next((own.pose for own in self.movables() if own.at == at), None)
+        if given is None:
+            raise RequestError("what is moved is no longer in the file")
         xyz = [float(x) for x in pose[:3, 3]]
         if at not in self.scenario.document.values:
             text = with_value(text, at, {"xyz_m": xyz})
         else:
             text = with_value(text, (*at, "xyz_m"), xyz)
         if not np.allclose(given[:3, :3], pose[:3, :3], atol=1e-7):
-            turn = Rotation.from_matrix(pose[:3, :3])
             if (*at, "quat_wxyz") in self.scenario.document.values:
-                quat = turn.as_quat(scalar_first=True).tolist()
-                text = with_value(text, (*at, "quat_wxyz"), quat)
+                text = with_value(text, (*at, "quat_wxyz"), quat_wxyz(pose).tolist())
             else:
-                angles = turn.as_euler("xyz", degrees=True).tolist()
-                text = with_value(text, (*at, "rpy_deg"), angles)
+                text = with_value(text, (*at, "rpy_deg"), angles_deg(pose).tolist())
         return text
 
     def set_home(self, robot: str, q: list[float]) -> None:
@@ -167,12 +167,11 @@ class CellEditor:
 
     def replace(self, text: str) -> None:
         """Replace the text; the change can be undone."""
-        with self._lock:
-            if text == self._text:
-                return
-            self._undo = [*self._undo, self._text][-_MOST_UNDONE:]
-            self._redo = []
-            self._set(text)
+        if text == self._text:
+            return
+        self._undo = [*self._undo, self._text][-_MOST_UNDONE:]
+        self._redo = []
+        self._set(text)
 
     def undo(self) -> bool:
         """Undo the last change; return whether there was one."""
@@ -191,16 +190,15 @@ class CellEditor:
         Raises:
             OutputError: the file has changed, or cannot be written; the text is kept.
         """
-        with self._lock:
-            now = _read(self.path) if self.path.exists() else None
-            if now != self._on_disk and not force:
-                raise OutputError(
-                    f"{self.path}: the file has changed since it was opened: read it again, which can be"
-                    " undone, or overwrite it"
-                )
-            with replace_atomically(self.path) as temporary:
-                temporary.write_text(self._text, encoding="utf-8")
-            self._on_disk = self._text
+        now = _read(self.path) if self.path.exists() else None
+        if now != self._on_disk and not force:
+            raise OutputError(
+                f"{self.path}: the file has changed since it was opened: read it again, which can be"
+                " undone, or overwrite it"
+            )
+        with replace_atomically(self.path) as temporary:
+            temporary.write_text(self._text, encoding="utf-8")
+        self._on_disk = self._text
 
     def read_again(self) -> None:
         """Replace the text with that of the file; the change can be undone."""
@@ -209,12 +207,11 @@ class CellEditor:
         self._on_disk = now
 
     def _step(self, source: list[str], target: list[str]) -> bool:
-        with self._lock:
-            if not source:
-                return False
-            target.append(self._text)
-            self._set(source.pop())
-            return True
+        if not source:
+            return False
+        target.append(self._text)
+        self._set(source.pop())
+        return True
 
     def _set(self, text: str) -> None:
         self._text = text
@@ -237,6 +234,11 @@ class CellEditor:
         """
         sections, document = parse_scenario(self.path, text)
         return LoadedScenario(sections, self.path.parent, document)
+
+
+def angles_deg(pose: Transform) -> Array:
+    """Return roll, pitch and yaw of a pose [deg]."""
+    return Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
 
 
 def _read(path: Path) -> str:

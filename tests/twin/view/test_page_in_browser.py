@@ -168,7 +168,7 @@ def test_a_body_snaps_and_is_checked_while_it_moves(file: Path) -> None:
         above = motor.pose[:3, 3] + [0.0, 0.0, 0.003]
         gizmo.position = above
         panel._dragged(motor, gizmo, "update")
-        node: Any = shown._scene._nodes["/objects/motor"]
+        node: Any = shown._scene._bodies["objects/motor"].nodes[0]
         np.testing.assert_allclose(node.position, motor.pose[:3, 3], atol=1e-6)
         gizmo.position = np.add(above, [3.0, 0.0, 0.0])
         panel._dragged(motor, gizmo, "update")
