@@ -26,10 +26,12 @@ from twin.view.api import cell_page
 pytestmark = [pytest.mark.nightly, pytest.mark.timeout(1800)]
 
 SIZE = {"width": 1000, "height": 600}
-RARE_FRAMES = (
-    "requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 500)"
-)
-"""Script after which scenes are drawn rarely: two at full rate are too much for software."""
+WITHOUT_PICTURES = """
+for (const draw of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
+    WebGL2RenderingContext.prototype[draw] = () => {};
+requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 500);
+"""
+"""Script after which scenes are not drawn: two are too much for a renderer in software."""
 
 
 @contextmanager
@@ -51,7 +53,7 @@ class Window:
     def __init__(self, page: Any, address: str) -> None:
         self.page, self.frame = page, page.frame_locator("#scene")
         page.set_default_timeout(WAIT_MS)
-        page.add_init_script(RARE_FRAMES)
+        page.add_init_script(WITHOUT_PICTURES)
         page.goto(address)
         self.frame.get_by_role("tab", name="Findings").wait_for()
         self.x = self.frame.locator("input[inputmode=decimal]").first
