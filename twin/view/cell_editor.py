@@ -63,6 +63,7 @@ class CellEditor:
         changed: called after every change of the text.
 
     Attributes:
+        text: the text with all changes.
         scenario: the scenario of the text; the last valid one while the text is not valid.
         problems: problems of the text; empty while it is valid.
 
@@ -72,21 +73,16 @@ class CellEditor:
 
     def __init__(self, path: Path, changed: Callable[[], None] = lambda: None) -> None:
         self.path, self._changed = path, changed
-        self._text = self._on_disk = _read(path)
+        self.text = self._on_disk = _read(path)
         self._undo: list[str] = []
         self._redo: list[str] = []
         self.problems: tuple[str, ...] = ()
-        self.scenario = self.parsed(self._text)
-
-    @property
-    def text(self) -> str:
-        """The text with all changes."""
-        return self._text
+        self.scenario = self.parsed(self.text)
 
     @property
     def unsaved(self) -> bool:
         """Whether there are changes that are not in the file."""
-        return self._text != self._on_disk
+        return self.text != self._on_disk
 
     def movables(self) -> Iterator[Movable]:
         """Yield all poses in the world that the scenario gives."""
@@ -125,7 +121,7 @@ class CellEditor:
         Raises:
             RequestError: there is no pose at the key.
         """
-        text = self._text
+        text = self.text
         given = next((own.pose for own in self.movables() if own.at == at), None)
         if given is None:
             raise RequestError("what is moved is no longer in the file")
@@ -146,11 +142,10 @@ class CellEditor:
         robots = self.scenario.sections.cell.robots
         k = next(k for k, own in enumerate(robots) if own.name == robot)
         at = ("cell", "robots", k)
-        if robots[k].home_rad_or_m is not None or robots[k].parked:
-            self.replace(with_value(self._text, (*at, "home_rad_or_m"), q))
-        else:
-            degrees = np.rad2deg(q).tolist()
-            self.replace(with_value(self._text, (*at, "home_deg"), degrees))
+        key = "home_rad_or_m"
+        if robots[k].home_rad_or_m is None and not robots[k].parked:
+            key, q = "home_deg", np.rad2deg(q).tolist()
+        self.replace(with_value(self.text, (*at, key), q))
 
     def add(self, *entries: tuple[KeyPath, Any]) -> None:
         """Append entries to the lists at keys, or add them to mappings by their names, as one change.
@@ -158,7 +153,7 @@ class CellEditor:
         Raises:
             TwinError: there would be no cell with them; nothing is changed.
         """
-        text = self._text
+        text = self.text
         for at, entry in entries:
             text = with_entry(text, at, entry)
         scenario = self.parsed(text)
@@ -167,9 +162,9 @@ class CellEditor:
 
     def replace(self, text: str) -> None:
         """Replace the text; the change can be undone."""
-        if text == self._text:
+        if text == self.text:
             return
-        self._undo = [*self._undo, self._text][-_MOST_UNDONE:]
+        self._undo = [*self._undo, self.text][-_MOST_UNDONE:]
         self._redo = []
         self._set(text)
 
@@ -197,8 +192,8 @@ class CellEditor:
                 " undone, or overwrite it"
             )
         with replace_atomically(self.path) as temporary:
-            temporary.write_text(self._text, encoding="utf-8")
-        self._on_disk = self._text
+            temporary.write_text(self.text, encoding="utf-8")
+        self._on_disk = self.text
 
     def read_again(self) -> None:
         """Replace the text with that of the file; the change can be undone."""
@@ -209,12 +204,12 @@ class CellEditor:
     def _step(self, source: list[str], target: list[str]) -> bool:
         if not source:
             return False
-        target.append(self._text)
+        target.append(self.text)
         self._set(source.pop())
         return True
 
     def _set(self, text: str) -> None:
-        self._text = text
+        self.text = text
         try:
             self.scenario = self.parsed(text)
             self.problems = ()

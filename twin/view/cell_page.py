@@ -14,7 +14,6 @@ from planning.transforms import Transform
 from twin.checks.finding import Finding
 from twin.document.yaml_text import KeyPath
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.run_result import RunResult
 from twin.view.arrange_panel import ArrangePanel
@@ -51,7 +50,6 @@ class CellPage:
         about: str = "",
     ) -> None:
         self._lock = threading.RLock()
-        self._scenario = scenario
         self._player: Player | None = None
         self._charts = 0
         answers = {"chart": self._answer_chart, "player": self._answer_player}
@@ -61,7 +59,7 @@ class CellPage:
         self._editor = None if path is None else CellEditor(path, self._changed)
         self._arrange: ArrangePanel | None = None
         self._checks = FindingsThread(self._show_findings)
-        self._show_cell()
+        self._show_cell(scenario)
         self._scene.look(self._viser)
         self._build_panel(about)
         self._checks.check(lambda: scenario)
@@ -75,7 +73,6 @@ class CellPage:
             self._scene.show(run.tpg.cell)
             self._look.begin(playback := RunPlayback(run))
             self._player = Player(playback, self._scene, self._look, self._viser.atomic)
-            self._player.start()
 
     def close(self) -> None:
         """End playback, checks and server."""
@@ -146,9 +143,8 @@ class CellPage:
         if self._arrange is not None:
             self._arrange.select_body(body)
 
-    def _show_cell(self) -> None:
-        sections, folder = self._scenario.sections, self._scenario.folder
-        cell = build_workcell(sections, folder, assembly_kind(sections.assembly))
+    def _show_cell(self, scenario: LoadedScenario) -> None:
+        cell = build_workcell(scenario.sections, scenario.folder)
         with self._viser.atomic():
             self._scene.show(cell)
 
@@ -157,12 +153,12 @@ class CellPage:
         assert self._editor is not None
         assert self._arrange is not None
         self._stop_playing()
-        self._scenario = scenario = self._editor.scenario
+        scenario = self._editor.scenario
         if self._editor.problems:
             words = _listed("errors in the file", self._editor.problems)
             self._findings.content = words
         else:
-            self._guarded(self._show_cell)
+            self._guarded(lambda: self._show_cell(scenario))
             self._checks.check(lambda: scenario)
         self._arrange.show()
 

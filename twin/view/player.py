@@ -22,7 +22,7 @@ SPEEDS = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0)
 
 
 class Player:
-    """Shows a run in a scene at a time that advances while it plays.
+    """Shows a run in a scene at a time that advances while it plays, in a thread of its own until ``stop``.
 
     Args:
         run: the run.
@@ -49,9 +49,6 @@ class Player:
         self._waits, self._waits_until = 0.0, 0.0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._play, daemon=True)
-
-    def start(self) -> None:
-        """Show frames in a thread of its own until ``stop``."""
         self._thread.start()
 
     def stop(self) -> None:

@@ -72,7 +72,7 @@ class Window:
         self.frame.get_by_role("button", name=key, exact=True).click()
 
     def sees(self, x: float, *, saved: bool) -> None:
-        playwright.expect(self.x).to_have_value(str(x), timeout=WAIT_MS)
+        playwright.expect(self.x).to_have_value(str(x))
         words = "tray.yaml: saved" if saved else "changes are not saved"
         self.frame.get_by_text(words).wait_for()
 
