@@ -86,28 +86,24 @@ class CellEditor:
 
     def movables(self) -> Iterator[Movable]:
         """Yield all poses in the world that the scenario gives."""
-        cell = self.scenario.sections.cell
-        for k, robot in enumerate(cell.robots):
+        sections = self.scenario.sections
+        for k, robot in enumerate(sections.cell.robots):
             if not robot.parked:
                 base: KeyPath = ("cell", "robots", k, "base")
                 pose = robot.base.transform()
                 yield Movable(base, f"robot {robot.name}", f"robots/{robot.name}", pose)
-        sections = self.scenario.sections
-        found: list[Movable] = []
-        owners: dict[KeyPath, str] = {}
-        for at, value in reversed(list(iterate_nested(sections))):
-            if isinstance(name := getattr(value, "name", None), str):
-                owners[at] = name
+        nested = dict(iterate_nested(sections))
+        for at, value in nested.items():
             written = at in self.scenario.document.values
             inner = _INNER & set(map(str, at)) or at[-1:] == ("base",)
             if not isinstance(value, PoseSection) or not written or inner:
                 continue
-            owner = owners.get(at[:-1], " ".join(map(str, at[2:-1])))
+            given = getattr(nested[at[:-1]], "name", None)
+            owner = given or " ".join(map(str, at[2:-1]))
             body = _BODIES.get((str(at[1]), str(at[-1])), "")
             name = owner if at[-1] == "pose" else f"{owner} {at[-1]}"
             place = f"{body}/{owner}" if body else ""
-            found.append(Movable(at, name, place, value.transform()))
-        yield from reversed(found)
+            yield Movable(at, name, place, value.transform())
 
     def move(self, at: KeyPath, pose: Transform) -> None:
         """Set the pose at a key."""
