@@ -107,7 +107,8 @@ class CellPage:
         if "playing" in given:
             player.play(playing=given["playing"] == "1")
         if "waits" in given:
-            player.show_waits(_number(given["waits"]))
+            of = given["waits"]
+            player.show_waits(None if of == "now" else _number(of))
         return {
             "now_s": player.now_s,
             "playing": player.playing,

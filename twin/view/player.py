@@ -14,8 +14,8 @@ from twin.view.run_playback import RunPlayback
 _FRAME_S = 1 / 30
 """Least time between two frames [s]."""
 
-_WAITS_S = 0.5
-"""How long the waits of another time are shown: the page asks for them again before [s]."""
+_WAITS_S = 3.0
+"""How long the waits of another time are shown, unless the page asks for them again [s]."""
 
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0)
 """Speeds that can be chosen, as multiples of real time."""
@@ -46,7 +46,8 @@ class Player:
         self.run, self._scene, self._look, self._frame = run, scene, look, frame
         self.now_s, self.playing, self.speed = 0.0, False, 1.0
         self._shown: object = None
-        self._waits, self._waits_until = 0.0, 0.0
+        self._waits_s: float | None = None
+        self._waits_until_s = 0.0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._play, daemon=True)
         self._thread.start()
@@ -71,14 +72,16 @@ class Player:
         self.playing = False
         self.seek(self.run.neighbour_s(self.now_s, backwards=backwards))
 
-    def show_waits(self, t_s: float) -> None:
-        """Show for a moment who waits for what at another time than the one that is shown [s]."""
-        self._waits, self._waits_until = t_s, time.monotonic() + _WAITS_S
+    def show_waits(self, t_s: float | None) -> None:
+        """Show for a moment who waits for what at another time than the one that is shown [s]; None for that one."""
+        self._waits_s, self._waits_until_s = t_s, time.monotonic() + _WAITS_S
 
     def show(self) -> None:
         """Send the poses of the time that is shown, unless they were."""
         t_s, chosen = self.now_s, self._look.chosen
-        waits_s = self._waits if time.monotonic() < self._waits_until else t_s
+        waits_s = self._waits_s
+        if waits_s is None or time.monotonic() > self._waits_until_s:
+            waits_s = t_s
         if self._shown == (t_s, waits_s, chosen):
             return
         configurations = self.run.configurations(t_s)
