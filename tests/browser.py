@@ -20,6 +20,7 @@ RENDERS_IN_SOFTWARE = (
     "--ignore-gpu-blocklist",
 )
 WAIT_MS = 120_000
+playwright.expect.set_options(timeout=WAIT_MS)
 
 
 @contextmanager

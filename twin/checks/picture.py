@@ -37,13 +37,13 @@ from twin.checks.views import (
 )
 from twin.drawing.looks import foot_position
 from twin.drawing.pictures import INK, new_picture
+from twin.drawing.team_colours import team_colours
 from twin.host.atomic_files import save_png
 from twin.scenario.sections.scenario import Scenario
 
 PICTURE = "cell.png"
 """Name of the picture in a folder."""
 
-_ROBOTS = ("#2f6db5", "#d9822b", "#3d9a50", "#8e5bb5", "#c23b54", "#2a9d9d")
 _FIXTURE, _FIXTURE_EDGE, _GOAL = "#dfe3e8", "#a7afb9", "#5b6470"
 _DOOR = "#c23b54"
 _FIXTURE_NAME = "#6b7480"
@@ -250,8 +250,9 @@ def _things_drawn(subject: CheckContext, *, own: bool = False) -> Iterator[Drawn
 
 
 def _robots_drawn(subject: CheckContext) -> Iterator[DrawnShape]:
-    for number, robot in enumerate(subject.cell.robots):
-        colour = _ROBOTS[number % len(_ROBOTS)]
+    colours = team_colours([robot.name for robot in subject.built.robots])
+    for robot in subject.cell.robots:
+        colour = colours[robot.name]
         poses = joint_poses_of(robot, robot.home)
         for part in robot.model.parts:
             corners = placed_points(part.body.vertices, poses[part.joint + 1])
@@ -303,8 +304,8 @@ def _draw_robots(
     reaches: Mapping[str, float | None],
     names: Names,
 ) -> None:
-    for number, robot in enumerate(subject.cell.robots):
-        colour = _ROBOTS[number % len(_ROBOTS)]
+    colours = team_colours([robot.name for robot in subject.built.robots])
+    for robot in subject.cell.robots:
         base = foot_position(robot)
         radius = reaches[robot.name]
         if view.eye == 2 and radius is not None:
@@ -313,7 +314,7 @@ def _draw_robots(
                     (float(base[0]), float(base[1])),
                     radius,
                     fill=False,
-                    edgecolor=colour,
+                    edgecolor=colours[robot.name],
                     linestyle=(0, (5, 3)),
                     linewidth=1.0,
                 )
@@ -322,7 +323,7 @@ def _draw_robots(
         draw_axes(area, view, tool, _ARROW)
         foot = joint_poses_of(robot, robot.home)[min(3, robot.model.dof)]
         at = foot[:3, 3] if robot.model.is_mobile else base
-        names.mark(at[view.flat], robot.name, colour)
+        names.mark(at[view.flat], robot.name, INK)
 
 
 def _draw_names(

@@ -6,12 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 import viser
-from scipy.spatial.transform import Rotation
 
-from planning.transforms import Array, Transform, quat_wxyz
+from planning.transforms import (
+    Array,
+    Transform,
+    from_quat_wxyz,
+    from_rpy,
+    quat_wxyz,
+)
 from twin.document.yaml_text import KeyPath
 from twin.view.addition_panel import AdditionPanel
-from twin.view.cell_editor import CellEditor, Movable
+from twin.view.cell_editor import CellEditor, Movable, angles_deg
 from twin.view.cell_scene import CellScene
 from twin.view.contact_snap import SNAP_M
 
@@ -49,7 +54,7 @@ class ArrangePanel:
         self._gizmo: viser.TransformControlsHandle | None = None
         gui = server.gui
         self._selected = gui.add_dropdown("Selected", (_NOTHING,))
-        self._selected.on_update(lambda _: self._select(self._selected.value))
+        self._selected.on_update(lambda _: guarded(self._select))
         self._xyz = gui.add_vector3("Position [m]", (0.0, 0.0, 0.0), step=0.001)
         self._rpy = gui.add_vector3("Angles [deg]", (0.0, 0.0, 0.0), step=1.0)
         for numbers in (self._xyz, self._rpy):
@@ -66,8 +71,13 @@ class ArrangePanel:
             self._build_home()
         with gui.add_folder("Add", expand_by_default=False):
             AdditionPanel(gui, editor, guarded, self._top)
-        keys = gui.add_button_group("Changes", ("Undo", "Redo"))
-        keys.on_click(lambda _: self._step(keys.value))
+        steps = {"Undo": editor.undo, "Redo": editor.redo}
+        keys = gui.add_button_group("Changes", tuple(steps), hint="Ctrl-Z, Ctrl-Y")
+        keys.on_click(lambda _: guarded(steps[keys.value]))
+        undo = gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl")
+        undo.on_trigger(lambda _: guarded(editor.undo))
+        redo = gui.add_command("Redo", hotkey="Y", modifier="cmd/ctrl")
+        redo.on_trigger(lambda _: guarded(editor.redo))
         files = gui.add_button_group("File", ("Save", "Read again", "Overwrite"))
         files.on_click(lambda _: guarded(lambda: self._file(files.value)))
         self._state = gui.add_markdown("")
@@ -102,9 +112,9 @@ class ArrangePanel:
     def _build_home(self) -> None:
         gui = self._server.gui
         self._robot = gui.add_dropdown("Robot", tuple(self._scene.robots))
-        self._robot.on_update(lambda _: self._build_joints())
+        self._robot.on_update(lambda _: self._guarded(self._build_joints))
         self._folder = gui.add_folder("Joints [deg or mm]")
-        self._joints: list[viser.GuiInputHandle[float]] = []
+        self._joints: list[tuple[viser.GuiInputHandle[float], float]] = []
         key = gui.add_button("Set as HOME")
         key.on_click(
             lambda _: self._guarded(
@@ -114,13 +124,14 @@ class ArrangePanel:
         self._build_joints()
 
     def _build_joints(self) -> None:
-        for slider in self._joints:
+        """Show a slider for each joint of the chosen robot; keep it with its units in a radian or metre."""
+        for slider, _ in self._joints:
             slider.remove()
         self._joints = []
         robot = self._scene.robots[self._robot.value]
         with self._folder:
             for k, joint in enumerate(robot.model.joint_names):
-                unit = self._units()[k]
+                unit = 1000.0 if robot.model.chain.prismatic[k] else 180.0 / np.pi
                 low, high = unit * robot.model.lower[k], unit * robot.model.upper[k]
                 slider = self._server.gui.add_slider(
                     joint,
@@ -129,21 +140,14 @@ class ArrangePanel:
                     step=0.1,
                     initial_value=float(np.clip(unit * robot.home[k], low, high)),
                 )
-                slider.on_update(lambda _: self._joints_moved())
-                self._joints.append(slider)
-
-    def _units(self) -> list[float]:
-        """Return how many of its shown units a joint has in a radian or metre."""
-        slides = self._scene.robots[self._robot.value].model.chain.prismatic
-        return [1000.0 if own else 180.0 / np.pi for own in slides]
+                slider.on_update(lambda _: self._guarded(self._show_joints))
+                self._joints.append((slider, unit))
 
     def _joint_values(self) -> list[float]:
-        pairs = zip(self._joints, self._units(), strict=True)
-        return [slider.value / unit for slider, unit in pairs]
+        return [slider.value / unit for slider, unit in self._joints]
 
-    def _joints_moved(self) -> None:
-        if len(self._joints) == len(self._units()):
-            self._scene.move_robot(self._robot.value, np.array(self._joint_values()))
+    def _show_joints(self) -> None:
+        self._scene.move_robot(self._robot.value, np.array(self._joint_values()))
 
     def _top(self) -> Array:
         """Return the middle of the top of what is selected, the origin without a body, shape (3,) [m]."""
@@ -152,11 +156,11 @@ class ArrangePanel:
         top = (0.0, 0.0, 0.0) if box is None else (*box[:, :2].mean(axis=0), box[1, 2])
         return np.array(top)
 
-    def _select(self, name: str) -> None:
+    def _select(self) -> None:
         if self._gizmo is not None:
             self._gizmo.remove()
             self._gizmo = None
-        movable = self.movables.get(name)
+        movable = self.movables.get(self._selected.value)
         if movable is None:
             self._scene.show_goal("", np.eye(4))
             return
@@ -168,7 +172,11 @@ class ArrangePanel:
             position=movable.pose[:3, 3],
             wxyz=quat_wxyz(movable.pose),
         )
-        gizmo.on_update(lambda event: self._dragged(movable, gizmo, event.phase))
+        gizmo.on_update(
+            lambda event: self._guarded(
+                lambda: self._dragged(movable, gizmo, event.phase)
+            )
+        )
         self._gizmo = gizmo
 
     def _dragged(
@@ -181,40 +189,30 @@ class ArrangePanel:
             pose = self._scene.snapped(movable.body, pose, poses)
         self._show_numbers(pose)
         if phase == "end":
-            self._guarded(lambda: self._editor.move(movable.at, pose))
+            self._editor.move(movable.at, pose)
         else:
             self._scene.move_body(movable.body, pose)
             self._moving(movable.at, pose)
 
     def _pose_of(self, gizmo: viser.TransformControlsHandle) -> Transform:
         """Return the pose of the handles, on the grid."""
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_quat(gizmo.wxyz, scalar_first=True).as_matrix()
-        pose[:3, 3] = gizmo.position
+        pose = from_quat_wxyz(gizmo.position.tolist(), gizmo.wxyz.tolist())
         if self._grid.value != _OFF:
             step = float(self._grid.value) / 1000.0
             pose[:3, 3] = np.round(pose[:3, 3] / step) * step
         return pose
 
     def _show_numbers(self, pose: Transform) -> None:
-        x, y, z = np.round(pose[:3, 3], 6).tolist()
-        self._xyz.value = (x, y, z)  # type: ignore[misc]
-        turn = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
-        a, b, c = np.round(turn, 4).tolist()
-        self._rpy.value = (a, b, c)  # type: ignore[misc]
+        shown = np.round(pose[:3, 3], 6), np.round(angles_deg(pose), 4)
+        self._xyz.value, self._rpy.value = shown  # type: ignore[misc,assignment]
 
     def _numbers_given(self, event: viser.GuiEvent[viser.GuiVector3Handle]) -> None:
         movable = self.movables.get(self._selected.value)
         # What the program itself shows comes without a client.
         if movable is None or event.client is None:
             return
-        pose = np.eye(4)
-        turn = Rotation.from_euler("xyz", self._rpy.value, degrees=True)
-        pose[:3, :3], pose[:3, 3] = turn.as_matrix(), self._xyz.value
+        pose = from_rpy(self._xyz.value, np.deg2rad(self._rpy.value))
         self._guarded(lambda: self._editor.move(movable.at, pose))
-
-    def _step(self, key: str) -> None:
-        _ = self._editor.undo() if key == "Undo" else self._editor.redo()
 
     def _file(self, key: str) -> None:
         if key == "Read again":

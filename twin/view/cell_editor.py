@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from planning.errors import OutputError, RequestError, TwinError
 from planning.files import read_file, replace_atomically
-from planning.transforms import Transform
+from planning.transforms import Array, Transform, quat_wxyz
 from twin.document.section import iterate_nested
 from twin.document.validation import InvalidScenarioError
 from twin.document.yaml_text import KeyPath
@@ -57,13 +56,14 @@ class Movable:
 
 
 class CellEditor:
-    """A scenario file under change.
+    """A scenario file under change: one change at a time, which callers see to.
 
     Args:
         path: the file.
         changed: called after every change of the text.
 
     Attributes:
+        text: the text with all changes.
         scenario: the scenario of the text; the last valid one while the text is not valid.
         problems: problems of the text; empty while it is valid.
 
@@ -73,47 +73,37 @@ class CellEditor:
 
     def __init__(self, path: Path, changed: Callable[[], None] = lambda: None) -> None:
         self.path, self._changed = path, changed
-        self._text = self._on_disk = _read(path)
+        self.text = self._on_disk = _read(path)
         self._undo: list[str] = []
         self._redo: list[str] = []
-        self._lock = threading.RLock()
         self.problems: tuple[str, ...] = ()
-        self.scenario = self.parsed(self._text)
-
-    @property
-    def text(self) -> str:
-        """The text with all changes."""
-        return self._text
+        self.scenario = self.parsed(self.text)
 
     @property
     def unsaved(self) -> bool:
         """Whether there are changes that are not in the file."""
-        return self._text != self._on_disk
+        return self.text != self._on_disk
 
     def movables(self) -> Iterator[Movable]:
         """Yield all poses in the world that the scenario gives."""
-        cell = self.scenario.sections.cell
-        for k, robot in enumerate(cell.robots):
+        sections = self.scenario.sections
+        for k, robot in enumerate(sections.cell.robots):
             if not robot.parked:
                 base: KeyPath = ("cell", "robots", k, "base")
                 pose = robot.base.transform()
                 yield Movable(base, f"robot {robot.name}", f"robots/{robot.name}", pose)
-        sections = self.scenario.sections
-        found: list[Movable] = []
-        owners: dict[KeyPath, str] = {}
-        for at, value in reversed(list(iterate_nested(sections))):
-            if isinstance(name := getattr(value, "name", None), str):
-                owners[at] = name
+        nested = dict(iterate_nested(sections))
+        for at, value in nested.items():
             written = at in self.scenario.document.values
             inner = _INNER & set(map(str, at)) or at[-1:] == ("base",)
             if not isinstance(value, PoseSection) or not written or inner:
                 continue
-            owner = owners.get(at[:-1], " ".join(map(str, at[2:-1])))
+            given = getattr(nested[at[:-1]], "name", None)
+            owner = given or " ".join(map(str, at[2:-1]))
             body = _BODIES.get((str(at[1]), str(at[-1])), "")
             name = owner if at[-1] == "pose" else f"{owner} {at[-1]}"
             place = f"{body}/{owner}" if body else ""
-            found.append(Movable(at, name, place, value.transform()))
-        yield from reversed(found)
+            yield Movable(at, name, place, value.transform())
 
     def move(self, at: KeyPath, pose: Transform) -> None:
         """Set the pose at a key."""
@@ -123,22 +113,24 @@ class CellEditor:
         """Return the text with another pose at a key.
 
         Orientations are written as angles, and left out where they are not needed.
+
+        Raises:
+            RequestError: there is no pose at the key.
         """
-        text = self._text
-        given = next(own.pose for own in self.movables() if own.at == at)
+        text = self.text
+        given = next((own.pose for own in self.movables() if own.at == at), None)
+        if given is None:
+            raise RequestError("what is moved is no longer in the file")
         xyz = [float(x) for x in pose[:3, 3]]
         if at not in self.scenario.document.values:
             text = with_value(text, at, {"xyz_m": xyz})
         else:
             text = with_value(text, (*at, "xyz_m"), xyz)
         if not np.allclose(given[:3, :3], pose[:3, :3], atol=1e-7):
-            turn = Rotation.from_matrix(pose[:3, :3])
             if (*at, "quat_wxyz") in self.scenario.document.values:
-                quat = turn.as_quat(scalar_first=True).tolist()
-                text = with_value(text, (*at, "quat_wxyz"), quat)
+                text = with_value(text, (*at, "quat_wxyz"), quat_wxyz(pose).tolist())
             else:
-                angles = turn.as_euler("xyz", degrees=True).tolist()
-                text = with_value(text, (*at, "rpy_deg"), angles)
+                text = with_value(text, (*at, "rpy_deg"), angles_deg(pose).tolist())
         return text
 
     def set_home(self, robot: str, q: list[float]) -> None:
@@ -146,11 +138,10 @@ class CellEditor:
         robots = self.scenario.sections.cell.robots
         k = next(k for k, own in enumerate(robots) if own.name == robot)
         at = ("cell", "robots", k)
-        if robots[k].home_rad_or_m is not None or robots[k].parked:
-            self.replace(with_value(self._text, (*at, "home_rad_or_m"), q))
-        else:
-            degrees = np.rad2deg(q).tolist()
-            self.replace(with_value(self._text, (*at, "home_deg"), degrees))
+        key = "home_rad_or_m"
+        if robots[k].home_rad_or_m is None and not robots[k].parked:
+            key, q = "home_deg", np.rad2deg(q).tolist()
+        self.replace(with_value(self.text, (*at, key), q))
 
     def add(self, *entries: tuple[KeyPath, Any]) -> None:
         """Append entries to the lists at keys, or add them to mappings by their names, as one change.
@@ -158,7 +149,7 @@ class CellEditor:
         Raises:
             TwinError: there would be no cell with them; nothing is changed.
         """
-        text = self._text
+        text = self.text
         for at, entry in entries:
             text = with_entry(text, at, entry)
         scenario = self.parsed(text)
@@ -167,12 +158,11 @@ class CellEditor:
 
     def replace(self, text: str) -> None:
         """Replace the text; the change can be undone."""
-        with self._lock:
-            if text == self._text:
-                return
-            self._undo = [*self._undo, self._text][-_MOST_UNDONE:]
-            self._redo = []
-            self._set(text)
+        if text == self.text:
+            return
+        self._undo = [*self._undo, self.text][-_MOST_UNDONE:]
+        self._redo = []
+        self._set(text)
 
     def undo(self) -> bool:
         """Undo the last change; return whether there was one."""
@@ -191,16 +181,15 @@ class CellEditor:
         Raises:
             OutputError: the file has changed, or cannot be written; the text is kept.
         """
-        with self._lock:
-            now = _read(self.path) if self.path.exists() else None
-            if now != self._on_disk and not force:
-                raise OutputError(
-                    f"{self.path}: the file has changed since it was opened: read it again, which can be"
-                    " undone, or overwrite it"
-                )
-            with replace_atomically(self.path) as temporary:
-                temporary.write_text(self._text, encoding="utf-8")
-            self._on_disk = self._text
+        now = _read(self.path) if self.path.exists() else None
+        if now != self._on_disk and not force:
+            raise OutputError(
+                f"{self.path}: the file has changed since it was opened: read it again, which can be"
+                " undone, or overwrite it"
+            )
+        with replace_atomically(self.path) as temporary:
+            temporary.write_text(self.text, encoding="utf-8")
+        self._on_disk = self.text
 
     def read_again(self) -> None:
         """Replace the text with that of the file; the change can be undone."""
@@ -209,15 +198,14 @@ class CellEditor:
         self._on_disk = now
 
     def _step(self, source: list[str], target: list[str]) -> bool:
-        with self._lock:
-            if not source:
-                return False
-            target.append(self._text)
-            self._set(source.pop())
-            return True
+        if not source:
+            return False
+        target.append(self.text)
+        self._set(source.pop())
+        return True
 
     def _set(self, text: str) -> None:
-        self._text = text
+        self.text = text
         try:
             self.scenario = self.parsed(text)
             self.problems = ()
@@ -237,6 +225,11 @@ class CellEditor:
         """
         sections, document = parse_scenario(self.path, text)
         return LoadedScenario(sections, self.path.parent, document)
+
+
+def angles_deg(pose: Transform) -> Array:
+    """Return roll, pitch and yaw of a pose [deg]."""
+    return Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
 
 
 def _read(path: Path) -> str:

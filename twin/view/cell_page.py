@@ -11,16 +11,16 @@ import numpy as np
 
 from planning.errors import TwinError
 from planning.transforms import Transform
+from twin.checks.finding import Finding
 from twin.document.yaml_text import KeyPath
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.run_result import RunResult
 from twin.view.arrange_panel import ArrangePanel
 from twin.view.cell_editor import CellEditor
 from twin.view.cell_scene import CellScene
 from twin.view.command_panel import CommandPanel
-from twin.view.findings import Findings, FindingsThread
+from twin.view.findings import FindingsThread
 from twin.view.look_panel import LookPanel
 from twin.view.player import SPEEDS, Player
 from twin.view.run_playback import RunPlayback
@@ -50,7 +50,6 @@ class CellPage:
         about: str = "",
     ) -> None:
         self._lock = threading.RLock()
-        self._scenario = scenario
         self._player: Player | None = None
         self._charts = 0
         answers = {"chart": self._answer_chart, "player": self._answer_player}
@@ -60,7 +59,7 @@ class CellPage:
         self._editor = None if path is None else CellEditor(path, self._changed)
         self._arrange: ArrangePanel | None = None
         self._checks = FindingsThread(self._show_findings)
-        self._show_cell()
+        self._show_cell(scenario)
         self._scene.look(self._viser)
         self._build_panel(about)
         self._checks.check(lambda: scenario)
@@ -74,7 +73,6 @@ class CellPage:
             self._scene.show(run.tpg.cell)
             self._look.begin(playback := RunPlayback(run))
             self._player = Player(playback, self._scene, self._look, self._viser.atomic)
-            self._player.start()
 
     def close(self) -> None:
         """End playback, checks and server."""
@@ -108,6 +106,9 @@ class CellPage:
             player.step(backwards=_number(given["step"]) < 0.0)
         if "playing" in given:
             player.play(playing=given["playing"] == "1")
+        if "waits" in given:
+            of = given["waits"]
+            player.show_waits(None if of == "now" else _number(of))
         return {
             "now_s": player.now_s,
             "playing": player.playing,
@@ -143,9 +144,8 @@ class CellPage:
         if self._arrange is not None:
             self._arrange.select_body(body)
 
-    def _show_cell(self) -> None:
-        sections, folder = self._scenario.sections, self._scenario.folder
-        cell = build_workcell(sections, folder, assembly_kind(sections.assembly))
+    def _show_cell(self, scenario: LoadedScenario) -> None:
+        cell = build_workcell(scenario.sections, scenario.folder)
         with self._viser.atomic():
             self._scene.show(cell)
 
@@ -153,17 +153,15 @@ class CellPage:
         """Show the cell of the changed file, or what is wrong with the file."""
         assert self._editor is not None
         assert self._arrange is not None
-        with self._lock:
-            self._stop_playing()
-            self._scenario = self._editor.scenario
-            if self._editor.problems:
-                words = _listed("errors in the file", self._editor.problems)
-                self._findings.content = words
-            else:
-                self._guarded(self._show_cell)
-                scenario = self._scenario
-                self._checks.check(lambda: scenario)
-            self._arrange.show()
+        self._stop_playing()
+        scenario = self._editor.scenario
+        if self._editor.problems:
+            words = _listed("errors in the file", self._editor.problems)
+            self._findings.content = words
+        else:
+            self._guarded(lambda: self._show_cell(scenario))
+            self._checks.check(lambda: scenario)
+        self._arrange.show()
 
     def _moving(self, at: KeyPath, pose: Transform) -> None:
         """Check the cell as it would be with a pose at a key."""
@@ -173,24 +171,24 @@ class CellPage:
                 lambda: editor.parsed(editor.moved(at, pose)), moving=True
             )
 
-    def _show_findings(self, found: Findings) -> None:
+    def _show_findings(self, found: Sequence[Finding], complete: bool) -> None:
         if self._editor is not None and self._editor.problems:
             return
-        errors = [own.message for own in found.found if own.error]
-        warnings = [own.message for own in found.found if not own.error]
-        text = _listed("errors", [found.reason] if found.reason else errors)
-        text += _listed("warnings", warnings)
-        if not found.complete:
+        text = _listed("errors", [own.message for own in found if own.error])
+        text += _listed("warnings", [own.message for own in found if not own.error])
+        if not complete:
             text += "\nreach is being checked"
         self._findings.content = text or "nothing found"
-        at_fault = {own.at[:3] for own in found.found if own.error}
-        movables = self._arrange.movables.values() if self._arrange else ()
-        self._scene.mark({own.body for own in movables if own.at[:3] in at_fault})
+        at_fault = {own.at[:3] for own in found if own.error}
+        with self._lock:
+            movables = self._arrange.movables.values() if self._arrange else ()
+            self._scene.mark({own.body for own in movables if own.at[:3] in at_fault})
 
     def _guarded(self, act: Callable[[], object]) -> None:
-        """Call a function; show its error to everybody who looks."""
+        """Call a function when no other one is called; show its error to everybody who looks."""
         try:
-            act()
+            with self._lock:
+                act()
         except TwinError as error:
             for client in self._viser.get_clients().values():
                 client.add_notification("Not done", str(error), color="red")

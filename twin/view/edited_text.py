@@ -27,7 +27,7 @@ def with_value(text: str, path: KeyPath, value: Any) -> str:
         value: numbers, texts, lists and dicts, written in flow style.
 
     Raises:
-        RequestError: there is no place for the value, or the text has aliases.
+        RequestError: there is no place for the value, or the text has aliases or is not YAML.
     """
     parent, last = _node_at(text, path[:-1]), path[-1]
     found = _child(parent, last)
@@ -81,9 +81,14 @@ def _inserted(
 
 def _node_at(text: str, path: KeyPath) -> yaml.Node:
     """Return the node at a path."""
-    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
+    try:
+        aliases = any(isinstance(own, yaml.AliasEvent) for own in yaml.parse(text))
+        node: yaml.Node | None = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.YAMLError:
+        words = "the file is not valid: undo the last change, or read it again"
+        raise RequestError(words) from None
+    if aliases:
         raise RequestError("a file with aliases (*NAME) can only be changed by hand")
-    node: yaml.Node | None = yaml.compose(text, Loader=yaml.SafeLoader)
     if node is None:
         raise RequestError("the file is empty")
     for k, entry in enumerate(path):

@@ -10,7 +10,6 @@ from planning.cell.workcell import Workcell
 from planning.transforms import Array
 from twin.planning.build_workcell import build_workcell
 from twin.runs.trajectory import Placement
-from twin.scenario.sections.kind import assembly_kind
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.view.cell_scene import CellScene
 from twin.view.look_panel import LookPanel
@@ -35,8 +34,7 @@ def live_scene(case: LoadedScenario, now: Callable[[], Bodies | None]) -> Iterat
     answers = {"chart": lambda _: {}, "player": lambda _: {"chart": 0}}
     server, over = ViewServer(answers, _PORT, case.name), threading.Event()
     scene = CellScene(server.viser.scene)
-    kind = assembly_kind(case.sections.assembly)
-    scene.show(build_workcell(case.sections, case.folder, kind))
+    scene.show(build_workcell(case.sections, case.folder))
     scene.look(server.viser)
     LookPanel(server.viser, scene)
 

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
-import trimesh
 import viser
 
-from planning.cell.robot_model import RobotModel
 from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.drawing.team_colours import parse_rgb, team_colours
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.view.cell_scene import CellScene, Colour, tool_pose
 from twin.view.robot_distance import RobotDistance
-from twin.view.robot_figure import joined
+from twin.view.robot_meshes import checked_meshes
 from twin.view.run_playback import RunPlayback
 
 _NOTHING, _THIS, _NEXT, _WHOLE = "nothing", "this bar", "next bar", "whole run"
@@ -68,13 +64,11 @@ class LookPanel:
         """Offer what can be shown of a run that is played; nothing for None."""
         for name in list(self._marks):
             self._mark(name, None, list)
-        self._run, robots = run, self._scene.robots
+        self._run = run
         self._measured: RobotDistance | None = None
         self._camera.options = (_NOTHING, *self._scene.bodies)
         for choice in self._choices:
             choice.visible = run is not None
-        colours = team_colours(list(robots))
-        self._colours = {name: parse_rgb(own) for name, own in colours.items()}
         self._thin = _THIN * self._scene.extent()[1]
 
     def show(
@@ -82,13 +76,15 @@ class LookPanel:
         t_s: float,
         configurations: Mapping[str, Array],
         objects: Mapping[str, Transform],
+        waits_s: float,
     ) -> None:
-        """Show what is chosen.
+        """Show what is chosen, and lines from robots that wait to what they wait for.
 
         Args:
             t_s: time of the run [s].
             configurations: of the robots then.
             objects: poses in the world of the objects then.
+            waits_s: time of the waits [s].
         """
         robots = self._scene.robots
         places = {f"objects/{name}": pose[:3, 3] for name, pose in objects.items()}
@@ -97,10 +93,10 @@ class LookPanel:
         assert self._run is not None
         for name in robots:
             self._show_motion(self._run, name, t_s)
-            bar = self._run.bar(name, t_s)
-            waits = bar and t_s < bar[1] and bar[4] in places
+            bar = self._run.bar(name, waits_s)
+            waits = bar and waits_s < bar[1] and bar[4] in places
             ends = [places[f"robots/{name}"], places[bar[4]]] if waits else []
-            self._show_line(name, np.array(ends), self._colours[name])
+            self._show_line(name, np.array(ends), self._scene.colours[name])
         self._show_distance(configurations)
         if (middle := places.get(self._camera.value)) is None:
             return
@@ -112,8 +108,8 @@ class LookPanel:
 
     def _show_distance(self, configurations: Mapping[str, Array]) -> None:
         ends, text = np.empty(0), _DISTANCE
-        if self._distance.value and len(self._colours) > 1:
-            robots = self._scene.robots.values()
+        robots = self._scene.robots.values()
+        if self._distance.value and len(robots) > 1:
             self._measured = self._measured or RobotDistance(robots)
             least, ends = self._measured.closest(configurations)
             text = f"{_DISTANCE}: {max(1000.0 * least, 0.0):.0f} mm"
@@ -138,7 +134,7 @@ class LookPanel:
         t_s = np.linspace(*span, min(count, _MOST_STEPS))
         q = run.motions[robot].at((t_s * NANOSECONDS).astype(np.int64))
         points = np.array([tool_pose(placed, own)[:3, 3] for own in q])
-        name, colour = f"/motion/{robot}", self._colours[robot]
+        name, colour = f"/motion/{robot}", self._scene.colours[robot]
         steps = np.stack([points[:-1], points[1:]], axis=1)
         nodes = self._draw_lines(name, steps, colour)
         if self._motion.value == _WHOLE:
@@ -146,13 +142,15 @@ class LookPanel:
         far = np.append(0.0, np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1)))
         chosen = np.unique(np.searchsorted(far, np.linspace(0.0, far[-1], _BODIES)))
         frames = np.array([joint_poses_of(placed, q[k]) for k in chosen])
-        for joint, mesh in _hulls(placed.model).items():
+        for joint, mesh in checked_meshes(placed.model).items():
+            if joint == 0:
+                continue  # the base does not move
             swept = self._server.scene.add_batched_meshes_simple(
                 f"/swept/{robot}/{joint}",
-                mesh.vertices.astype(np.float32),
-                mesh.faces.astype(np.uint32),
-                np.array([quat_wxyz(pose) for pose in frames[:, joint + 1]]),
-                frames[:, joint + 1, :3, 3],
+                mesh.vertices,
+                mesh.faces,
+                np.array([quat_wxyz(pose) for pose in frames[:, joint]]),
+                frames[:, joint, :3, 3],
                 batched_colors=colour,
                 opacity=_OPACITY,
                 cast_shadow=False,
@@ -165,10 +163,10 @@ class LookPanel:
         points = ends.reshape(-1, 2, 3)
         draw = partial(self._draw_lines, f"/line/{name}", points, colour)
         for node in self._mark(f"line/{name}", len(points) or None, draw):
-            node.points = points.astype(np.float32)
+            node.points = points
 
     def _draw_lines(self, name: str, points: Array, colour: Colour) -> list[Any]:
-        scene, points = self._server.scene, points.astype(np.float32)
+        scene = self._server.scene
         return [scene.add_line_segments(name, points, colour, thickness=self._thin)]
 
     def _mark(self, name: str, key: object, draw: Callable[[], list[Any]]) -> list[Any]:
@@ -180,12 +178,3 @@ class LookPanel:
             nodes = [] if key is None else draw()
             self._marks[name] = key, nodes
         return nodes
-
-
-@cache
-def _hulls(model: RobotModel) -> dict[int, trimesh.Trimesh]:
-    """Return the convex bodies that each joint of a robot moves, as a mesh in its frame."""
-    found = defaultdict[int, list[trimesh.Trimesh]](list)
-    for part in model.parts:
-        found[part.joint].append(trimesh.convex.convex_hull(part.body.vertices))
-    return {joint: joined(own) for joint, own in found.items() if joint >= 0}

@@ -14,12 +14,15 @@ from twin.view.run_playback import RunPlayback
 _FRAME_S = 1 / 30
 """Least time between two frames [s]."""
 
+_WAITS_S = 3.0
+"""How long the waits of another time are shown, unless the page asks for them again [s]."""
+
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0)
 """Speeds that can be chosen, as multiples of real time."""
 
 
 class Player:
-    """Shows a run in a scene at a time that advances while it plays.
+    """Shows a run in a scene at a time that advances while it plays, in a thread of its own until ``stop``.
 
     Args:
         run: the run.
@@ -43,11 +46,10 @@ class Player:
         self.run, self._scene, self._look, self._frame = run, scene, look, frame
         self.now_s, self.playing, self.speed = 0.0, False, 1.0
         self._shown: object = None
+        self._waits_s: float | None = None
+        self._waits_until_s = 0.0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._play, daemon=True)
-
-    def start(self) -> None:
-        """Show frames in a thread of its own until ``stop``."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -70,10 +72,17 @@ class Player:
         self.playing = False
         self.seek(self.run.neighbour_s(self.now_s, backwards=backwards))
 
+    def show_waits(self, t_s: float | None) -> None:
+        """Show for a moment who waits for what at another time than the one that is shown [s]; None for that one."""
+        self._waits_s, self._waits_until_s = t_s, time.monotonic() + _WAITS_S
+
     def show(self) -> None:
         """Send the poses of the time that is shown, unless they were."""
         t_s, chosen = self.now_s, self._look.chosen
-        if self._shown == (t_s, chosen):
+        waits_s = self._waits_s
+        if waits_s is None or time.monotonic() > self._waits_until_s:
+            waits_s = t_s
+        if self._shown == (t_s, waits_s, chosen):
             return
         configurations = self.run.configurations(t_s)
         poses = self.run.objects(t_s, configurations)
@@ -81,8 +90,8 @@ class Player:
             for robot, q in configurations.items():
                 self._scene.move_robot(robot, q)
             self._scene.move_objects(poses)
-            self._look.show(t_s, configurations, poses)
-        self._shown = t_s, chosen
+            self._look.show(t_s, configurations, poses, waits_s)
+        self._shown = t_s, waits_s, chosen
 
     def _play(self) -> None:
         before = time.monotonic()

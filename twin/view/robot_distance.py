@@ -22,28 +22,25 @@ class RobotDistance:
     """
 
     def __init__(self, robots: Iterable[PlacedRobot]) -> None:
-        self._robots = {own.name: WitnessRobot(own) for own in robots}
-        self._bodies = {
-            name: [coal.CollisionObject(part.shape) for part in own.parts]
-            for name, own in self._robots.items()
-        }
-        self._groups = []
-        for bodies in self._bodies.values():
-            self._groups.append(coal.DynamicAABBTreeCollisionManager())
+        self._robots = {}
+        for own in robots:
+            robot = WitnessRobot(own)
+            bodies = [coal.CollisionObject(part.shape) for part in robot.parts]
+            group = coal.DynamicAABBTreeCollisionManager()
             for body in bodies:
-                self._groups[-1].registerObject(body)
+                group.registerObject(body)
+            self._robots[own.name] = robot, bodies, group
 
     def closest(self, configurations: Mapping[str, Array]) -> tuple[float, Array]:
         """Return the least distance, not positive in an overlap [m], and its ends, shape (2, 3) [m]."""
-        for name, robot in self._robots.items():
+        for name, (robot, bodies, group) in self._robots.items():
             frames = robot.joint_frames(configurations[name])
-            for part, body in zip(robot.parts, self._bodies[name], strict=True):
+            for part, body in zip(robot.parts, bodies, strict=True):
                 body.setTransform(coal_pose(frames[part.joint + 1] @ part.local))
                 body.computeAABB()
-        found = []
-        for group in self._groups:
             group.update()
-        for one, other in combinations(self._groups, 2):
+        found, groups = [], [group for *_, group in self._robots.values()]
+        for one, other in combinations(groups, 2):
             measured = coal.DistanceCallBackDefault()
             one.distance(other, measured)
             found.append(measured.data.result)

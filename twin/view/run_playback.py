@@ -108,12 +108,10 @@ class RunPlayback:
 
     def neighbour_s(self, t_s: float, *, backwards: bool) -> float:
         """Return the time of the next event after a time, or of the last one before it [s]."""
-        times = self.event_times_s
+        times = [0.0, *self.event_times_s, self.end_s]
         if backwards:
-            k = bisect_left(times, t_s - _SAME_S) - 1
-            return times[k] if k >= 0 else 0.0
-        k = bisect_right(times, t_s + _SAME_S)
-        return times[k] if k < len(times) else self.end_s
+            return times[max(bisect_left(times, t_s - _SAME_S) - 1, 0)]
+        return times[min(bisect_right(times, t_s + _SAME_S), len(times) - 1)]
 
     @cached_property
     def chart(self) -> dict[str, Any]:
@@ -133,7 +131,7 @@ class RunPlayback:
                 if item.state == IDLE:
                     continue
                 said, awaited = words.state(item.state, item.task), ""
-                if item.state == WAITING and item.first >= 0:
+                if item.state == WAITING:
 
                     def complete(
                         other: int, node: int, at: int = item.start_ns
@@ -141,7 +139,7 @@ class RunPlayback:
                         return 0 <= int(ends[other][node]) <= at
 
                     said = words.wait(k, item.first, complete) or said
-                    for other, node in words.awaited(k, item.first, complete):
+                    for other, node in words.awaited(k, item.first, complete)[-1:]:
                         owner = tpg.chains[other]
                         part = tpg.tasks[int(owner.task[node])].object
                         robot = owner.robot in self.robots

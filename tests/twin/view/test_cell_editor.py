@@ -2,6 +2,7 @@
 
 import queue
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,12 @@ import pytest
 
 from planning.errors import OutputError
 from planning.transforms import from_rpy
+from twin.checks.finding import Finding
 from twin.document.validation import InvalidScenarioError
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.shipped import shipped_scenarios
 from twin.view.cell_editor import CellEditor, Movable
-from twin.view.findings import Findings, FindingsThread
+from twin.view.findings import FindingsThread
 
 
 @pytest.fixture
@@ -110,17 +112,17 @@ def test_an_invalid_change_keeps_the_last_valid_cell_and_names_the_line(
 
 
 def test_a_pose_is_checked_while_it_moves(file: Path) -> None:
-    published: queue.Queue[Findings] = queue.Queue()
+    published: queue.Queue[tuple[Sequence[Finding], bool]] = queue.Queue()
     editor = CellEditor(file)
     text, tray = editor.text, movable(editor, "tray")
     pose = tray.pose.copy()
     pose[0, 3] += 3.0
-    checks = FindingsThread(published.put)
+    checks = FindingsThread(lambda *found: published.put(found))
     moved = editor.moved(tray.at, pose)
     checks.check(lambda: editor.parsed(moved), moving=True)
-    found = published.get(timeout=60)
+    found, complete = published.get(timeout=60)
     checks.stop()
-    assert found.complete
-    assert any(own.error for own in found.found)
+    assert complete
+    assert any(own.error for own in found)
     assert editor.text == text
     assert not editor.undo()

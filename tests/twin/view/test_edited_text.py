@@ -78,6 +78,11 @@ def test_files_with_aliases_are_left_alone() -> None:
         with_value("a: &x {b: 1}\nc: *x\n", ("c", "b"), 2)
 
 
+def test_files_that_are_no_yaml_are_left_alone() -> None:
+    with pytest.raises(RequestError, match="not valid"):
+        with_value("cell: [", ("cell",), 2)
+
+
 def paths_of(data: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     entries = data.items() if isinstance(data, dict) else enumerate(data)
     found = []

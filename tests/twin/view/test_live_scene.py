@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import twin
-from planning.kinematics.kinematics import frame_pose
+from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.tasks.task import Handling
 from planning.transforms import Array, translation
 from tests.twin.operations.operated import STACK
@@ -42,8 +42,8 @@ def until(true: Any) -> None:
         time.sleep(0.02)
 
 
-def place(scene: CellScene, body: str) -> Array:
-    return np.array(scene._nodes[f"/{body}"].position)
+def place(scene: CellScene, body: str, joint: int = 0) -> Array:
+    return np.array(scene._bodies[body].nodes[joint].position)
 
 
 def test_reported_bodies(tmp_path: Path, scenes: list[CellScene]) -> None:
@@ -57,8 +57,8 @@ def test_reported_bodies(tmp_path: Path, scenes: list[CellScene]) -> None:
         (scene,) = scenes
         left, right = cell.robots[0], cell.robots[1]
         q = left.home + 0.1
-        hand, last = translation(0.0, 0.0, 0.02), f"robots/{left.name}/6"
-        before = place(scene, last)
+        hand, last = translation(0.0, 0.0, 0.02), f"robots/{left.name}"
+        before = place(scene, last, 6)
         bodies[0] = (
             cell,
             {left.name: q},
@@ -67,15 +67,15 @@ def test_reported_bodies(tmp_path: Path, scenes: list[CellScene]) -> None:
                 gone: Placement(0, gone, Handling.GONE, hand),
             },
         )
-        until(lambda: not np.array_equal(place(scene, last), before))
-        until(lambda: not scene._nodes[f"/objects/{gone}"].visible)
+        until(lambda: not np.array_equal(place(scene, last, 6), before))
+        until(lambda: not scene._bodies[f"objects/{gone}"].nodes[0].visible)
         expected = (frame_pose(left, q) @ hand)[:3, 3]
         np.testing.assert_allclose(place(scene, f"objects/{held}"), expected, atol=1e-6)
         start = cell.object(rest).start[:3, 3]
         np.testing.assert_allclose(place(scene, f"objects/{rest}"), start, atol=1e-6)
-        poses = scene.figures[right.name].poses(right.home)
+        poses = joint_poses_of(right, right.home)
         np.testing.assert_allclose(
-            place(scene, f"robots/{right.name}/6"), poses[6][:3, 3], atol=1e-6
+            place(scene, f"robots/{right.name}", 6), poses[6][:3, 3], atol=1e-6
         )
 
 

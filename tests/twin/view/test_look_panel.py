@@ -29,9 +29,10 @@ class Shown:
         self.look: Any = LookPanel(server.viser, scene)
         self.look.begin(self.playback)
 
-    def at(self, t_s: float) -> dict[str, Array]:
+    def at(self, t_s: float, waits_s: float | None = None) -> dict[str, Array]:
         q = self.playback.configurations(t_s)
-        self.look.show(t_s, q, self.playback.objects(t_s, q))
+        objects = self.playback.objects(t_s, q)
+        self.look.show(t_s, q, objects, t_s if waits_s is None else waits_s)
         return q
 
     def nodes(self, name: str) -> list[Any]:
@@ -129,6 +130,12 @@ def test_a_line_leads_from_who_waits_to_what_is_waited_for(shown: Shown) -> None
     np.testing.assert_allclose(line.points[0], ends, atol=2e-6)
     shown.at(waits[0][1] + 1e-3)
     assert shown.nodes("line/right") == []
+    # Of a bar under the pointer, between where both are now.
+    shown.at(waits[0][1] + 1e-3, waits_s=t_s)
+    (line,) = shown.nodes("line/right")
+    now = np.array([waits[0][1] + 1e-3])
+    ends = [shown.tools(robot, now)[0] for robot in ("right", "left")]
+    np.testing.assert_allclose(line.points[0], ends, atol=2e-6)
 
 
 def test_the_camera_keeps_its_offset(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import twin
-from tests.browser import WAIT_MS, opened_page, playwright
+from tests.browser import opened_page, playwright
 from twin.reading.scenario_file import load_scenario
 from twin.scenario.shipped import shipped_scenarios
 from twin.view.api import cell_page
@@ -42,15 +42,35 @@ def file(tmp_path: Path) -> Path:
 
 def test_a_run_is_played(file: Path, tmp_path: Path) -> None:
     done = twin.run(file, out=tmp_path / "run", recording=False, audit=False)
-    with opened(tmp_path / "run", 8360) as (page, _, _):
+    with opened(tmp_path / "run", 8360) as (page, _, shown):
         time = page.locator("#time")
+        playwright.expect(time).to_have_text(f"0.00 of {done.makespan_s:.2f} s")
+        assert shown._player is not None
+        lanes = shown._player.run.chart["lanes"]
+        row, robot, middle = next(
+            (k, lane["name"], 0.5 * (bar[0] + bar[1]))
+            for k, lane in enumerate(lanes)
+            for bar in lane["bars"]
+            if bar[4]
+        )
+        left, top = (page.locator("#chart").bounding_box()[key] for key in "xy")
+        x = page.evaluate(f"scale($('chart').clientWidth).x({middle})")
+        marks, line = shown._look._marks, f"line/{robot}"
+        assert line not in marks
+        page.mouse.move(left + x, top + 22 * row + 11)
+        for _ in range(100):
+            if drawn := bool(marks.get(line, (None, []))[1]):
+                break
+            page.wait_for_timeout(100)
+        assert drawn
+        playwright.expect(page.locator("#tip")).to_contain_text("waits for")
         playwright.expect(time).to_have_text(f"0.00 of {done.makespan_s:.2f} s")
         page.locator("#step").click()
         playwright.expect(time).not_to_have_text(f"0.00 of {done.makespan_s:.2f} s")
         page.locator("#speed").select_option("50")
         page.locator("#play").click()
         end = f"{done.makespan_s:.2f} of {done.makespan_s:.2f} s"
-        playwright.expect(time).to_have_text(end, timeout=WAIT_MS)
+        playwright.expect(time).to_have_text(end)
         playwright.expect(page.locator("#play")).to_have_text("▶ Play")
         page.locator("#speed").select_option("0.25")
         box = page.locator("#chart").bounding_box()
@@ -168,7 +188,7 @@ def test_a_body_snaps_and_is_checked_while_it_moves(file: Path) -> None:
         above = motor.pose[:3, 3] + [0.0, 0.0, 0.003]
         gizmo.position = above
         panel._dragged(motor, gizmo, "update")
-        node: Any = shown._scene._nodes["/objects/motor"]
+        node: Any = shown._scene._bodies["objects/motor"].nodes[0]
         np.testing.assert_allclose(node.position, motor.pose[:3, 3], atol=1e-6)
         gizmo.position = np.add(above, [3.0, 0.0, 0.0])
         panel._dragged(motor, gizmo, "update")

@@ -5,11 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from planning.kinematics.kinematics import frame_pose
+from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from tests.shipped_runs import ShippedRuns
 from twin.audits.motion.executed import ReplayedRun, read_recording
 from twin.audits.worlds.world import AuditWorld
-from twin.view.robot_figure import RobotFigure
 from twin.view.run_playback import RunPlayback
 
 
@@ -20,7 +19,6 @@ def test_poses_are_those_of_the_audit(shipped: ShippedRuns, name: str) -> None:
     playback = RunPlayback(run)
     recording = read_recording(run.files, cell)
     replayed, world = ReplayedRun(cell, recording), AuditWorld(cell)
-    figures = {robot.name: RobotFigure(robot, "#0072b2") for robot in cell.robots}
     for t_s in np.random.default_rng(0).uniform(0.0, playback.end_s, 50).tolist():
         shown = playback.configurations(t_s)
         objects = playback.objects(t_s, shown)
@@ -31,7 +29,7 @@ def test_poses_are_those_of_the_audit(shipped: ShippedRuns, name: str) -> None:
             np.testing.assert_allclose(
                 frame_pose(robot, shown[robot.name]), flange, atol=1e-6
             )
-            last = figures[robot.name].poses(q[0])
+            last = joint_poses_of(robot, q[0])
             tip = flange @ np.linalg.inv(robot.model.flange)
             joint = len(robot.model.joint_names)
             np.testing.assert_allclose(last[joint], tip, atol=1e-6)
