@@ -1,7 +1,7 @@
 """Checks of the structure of a saved plan: no cycles, edges in planned order, and unambiguous order of handlings.
 
-A handling is a pick, placement or handover of an object. Precedence of nodes is computed from ancestor sets,
-stored as bits of integers.
+A handling is a pick, placement or handover of an object. Precedence of nodes is computed from their ancestors,
+counted in each chain.
 """
 
 from __future__ import annotations
@@ -25,9 +25,6 @@ from scheduling.verification.object_places import (
 from scheduling.verification.problems import Problem, pair_problem
 
 _Node = tuple[int, int]
-
-_BLOCK = 4096
-"""Nodes whose ancestors are counted together: it bounds the memory."""
 
 
 def check_structure(tpg: TemporalPlanGraph) -> tuple[Precedence | None, list[Problem]]:
@@ -144,26 +141,16 @@ def find_precedence(tpg: TemporalPlanGraph) -> Precedence | None:
         order = list(TopologicalSorter(dict(enumerate(sources))).static_order())
     except CycleError:
         return None
-    complete = [[np.zeros(n, dtype=np.int64) for n in lengths] for _ in lengths]
-    for a, length in enumerate(lengths):
-        for start in range(0, length, _BLOCK):
-            stop = min(start + _BLOCK, length)
-            counts = _ancestors(sources, order, first[a] + start, first[a] + stop)
-            for b in range(len(lengths)):
-                complete[a][b] += counts[first[b] : first[b + 1]]
-    return Precedence(tuple(tuple(row) for row in complete))
-
-
-def _ancestors(
-    sources: list[list[int]], order: list[int], start: int, stop: int
-) -> Indices:
-    """Return, for every node, how many of the nodes ``range(start, stop)`` precede it."""
-    bits = [0] * len(sources)
+    # The ancestors of a node in a chain are its first nodes: their number tells which.
+    counts = [[0] * len(lengths)] * total
+    owner = np.repeat(np.arange(len(lengths)), lengths).tolist()
     for v in order:
-        mine = 0
+        before = [counts[v]]
         for u in sources[v]:
-            mine |= bits[u]
-            if start <= u < stop:
-                mine |= 1 << (u - start)
-        bits[v] = mine
-    return np.array([b.bit_count() for b in bits], dtype=np.int64)
+            a = owner[u]
+            before.append([*counts[u][:a], u - first[a] + 1, *counts[u][a + 1 :]])
+        counts[v] = [max(own) for own in zip(*before, strict=True)]
+    complete = np.array(counts, dtype=np.int64).reshape(total, len(lengths)).T
+    return Precedence(
+        tuple(tuple(np.split(counted, first[1:-1])) for counted in complete)
+    )
