@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.tasks.task import Handling
-from planning.transforms import Array
+from planning.transforms import Array, Transform
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.graph_structure import find_precedence
@@ -136,7 +136,10 @@ def _placements(
 ) -> Iterator[dict[str, Stay]]:
     """Yield the places of all present objects in states, each place as one and the same stay."""
     numbers = {item.name: k for k, item in enumerate(tpg.cell.objects)}
-    known = [(o.name, None, o.start, 0, -1) for o in tpg.cell.objects if not o.later]
+    # Each with the node, of a chain, in which it is put there; -1 from the start on.
+    known: list[tuple[str, str | None, Transform, int, int]] = [
+        (o.name, None, o.start, 0, -1) for o in tpg.cell.objects if not o.later
+    ]
     known += [
         (h.object, h.holder, h.pose, h.robot, -1 if tpg.holds_before(h) else h.node)
         for h in tpg.handlings
