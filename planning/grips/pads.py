@@ -41,6 +41,9 @@ _PAST = 0.01
 _TOUCHES = 1e-6
 """Bodies that are nearer to each other than this touch [m]."""
 
+_EXACT = 5e-6
+"""Error of the travel until a pad touches [m]."""
+
 _MOST_STEPS = 100
 """Steps in which a pad advances to a part at most; it rarely takes more than five."""
 
@@ -257,16 +260,30 @@ class _Move:
 
         Nothing is skipped: along the way, a plane between both is no nearer than the step goes.
         """
-        travel = self.start
+        travel = before = self.start
         for _ in range(_MOST_STEPS):
             gap, normal = self.gap(travel)
             if gap <= margin + _TOUCHES:
-                return travel
-            ahead = float(normal @ self.closing)
+                return self._refined(before, travel, margin)
+            before, ahead = travel, float(normal @ self.closing)
             if ahead <= 0.0 or travel >= self.most:
                 return None
             travel = min(travel + (gap - margin) / ahead, self.most)
         return None
+
+    def _refined(self, before: float, touching: float, margin: float) -> float:
+        """Return the least travel with which the body touches, given one with which it does not [m].
+
+        Directions between bodies that nearly touch are inexact, so that the last step may be too long.
+        """
+        middle = touching - _EXACT
+        while touching - before > 1.01 * _EXACT:
+            if self.gap(middle)[0] <= margin + _TOUCHES:
+                touching = middle
+            else:
+                before = middle
+            middle = 0.5 * (before + touching)
+        return touching
 
     def nearest(self) -> tuple[float, Array]:
         """Return the least distance during the motion, and the vector from body to piece there, shape (3,) [m].

@@ -1,6 +1,5 @@
 """What runs are drawn from: graphs, durations, and whatever disturbs them."""
 
-import numpy as np
 from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -81,8 +80,9 @@ def sample(
     replication: int = 0,
 ) -> tuple[Nanoseconds, ...]:
     """Durations of one replication per chain, each of shape (nodes,) [ns]."""
-    rows = durations.bind(tpg).durations(seed=seed, replications=[replication])
-    return tuple(np.ascontiguousarray(own[:, 0]) for own in rows)
+    draws = durations.bind(tpg)
+    totals = draws.totals(seed=seed, replications=[replication])
+    return tuple(draws.durations(k, totals)[:, 0] for k in range(len(tpg.chains)))
 
 
 def sample_node_times(

@@ -93,7 +93,7 @@ def test_an_output_folder_that_cannot_be_is_refused_before_planning(
     def never(*_: object, **__: object) -> None:
         pytest.fail("planning has started")
 
-    monkeypatch.setattr("twin.api.runs.plan_scenario", never)
+    monkeypatch.setattr("twin.api.runs.plan_until_final", never)
     (here / "small.yaml").write_text(SMALL)
     (here / "taken").write_text("a file")
     result = invoke("run", "small.yaml", "--out", "taken/run", code=2)
@@ -107,7 +107,7 @@ def test_planning_that_fails_ends_with_code_2_and_leaves_no_folder(
     def fail(*_: object, **__: object) -> None:
         raise InfeasibleStepError("step 1 (2x4) cannot be done")
 
-    monkeypatch.setattr("twin.api.runs.plan_scenario", fail)
+    monkeypatch.setattr("twin.api.runs.plan_until_final", fail)
     (here / "small.yaml").write_text(SMALL)
     if before:
         (here / "run").mkdir()

@@ -19,7 +19,7 @@ from twin.scenario.variations import short_key
 from twin.trial.auditor import load_auditor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult, require_plan_of, scenario_of_run
-from twin.trial.planning import plan_scenario
+from twin.trial.planning import plan_scenario, plan_until_final
 from twin.trial.run_moment import RunMoment
 from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
@@ -73,7 +73,10 @@ def plan(
     if moment is not None:
         cut_run = HOOKS.require("cut of a run", "a plan from a run")
         start = cut_run(checked.scenario, moment, out_of_service)
-    made = plan_scenario(checked.scenario, progress=progress, start=start, bound=True)
+    if start is None:
+        made = plan_until_final(checked.scenario, progress=progress, bound=True)
+    else:
+        made = plan_scenario(checked.scenario, progress=progress, start=start)
     return replace(made, warnings=checked.warnings, fits=checked.fits)
 
 
@@ -160,7 +163,9 @@ def run(
     with run_folder(out, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
-        made = ready or plan_scenario(checked.scenario, progress=progress, bound=True)
+        made = ready or plan_until_final(
+            checked.scenario, progress=progress, bound=True
+        )
         return run_plan_to_folder(
             replace(made, warnings=checked.warnings, fits=checked.fits),
             folder,

@@ -31,7 +31,7 @@ from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
 from twin.engine.execution_model import UNLIMITED, ExecutionModel, Messages
 from twin.uncertainty.chain_draws import Standstills
 from twin.uncertainty.contraction import Contraction, contract
-from twin.uncertainty.disturbances import Disturbances, Speed
+from twin.uncertainty.disturbances import Speed
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
 from twin.uncertainty.skill_durations import SkillDraws, cumulative_shares
 
@@ -87,20 +87,16 @@ class BulkEngine:
         self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
         self._draws = self._sampler.skills
         self._shares = _shares(self._draws, self._drawn_by)
-        own = model.disturbances
-        failing = {k: f for k, f in own.failures.items() if f.probability or f.parts}
-        # Stops at known times draw nothing; callers see to runs that come to one.
-        known = {"emergency_stops": (), "planned_stops": (), "calendar": None}
-        self._undisturbed = own.changed(failures=failing, **known) == Disturbances()
 
     def sample(self, *, seed: int, replications: npt.ArrayLike) -> SegmentTimes:
         """Draw the duration of every segment in some replications."""
         numbers = np.asarray(replications, dtype=np.int64)
-        if self._undisturbed:
-            totals = self._draws.totals(seed=seed, replications=numbers)
+        totals = self._draws.totals(seed=seed, replications=numbers)
+        if not self._sampler.disturbed:
             return self._busy(totals)
+        undisturbed = totals, self._every_busy(*self._varied(totals))
         return self._sampler.sample_segments(
-            self._drawn_by, seed=seed, replications=numbers
+            self._drawn_by, seed=seed, replications=numbers, undisturbed=undisturbed
         )
 
     def execute(self, times: SegmentTimes) -> Completions:
@@ -171,16 +167,25 @@ class BulkEngine:
 
     def _busy(self, totals: Nanoseconds) -> SegmentTimes:
         """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
-        shares, count = self._shares, totals.shape[1]
-        drawn, own = np.unique(shares.segment, return_inverse=True)
-        varied = np.repeat(shares.fixed[drawn, None], count, axis=1)
-        _add_shares(totals, shares._replace(segment=own), varied)
-        none = np.zeros(count, dtype=np.bool_)
+        drawn, varied = self._varied(totals)
+        none = np.zeros(totals.shape[1], dtype=np.bool_)
         if self._drive is not None and not self._by_node:
             return SegmentTimes(varied, none, rows=drawn)
-        busy = np.repeat(shares.fixed[:, None], count, axis=1)
+        return SegmentTimes(self._every_busy(drawn, varied), none)
+
+    def _varied(self, totals: Nanoseconds) -> tuple[Indices, Nanoseconds]:
+        """Return the segments that vary, and their times, shape (n, r) [ns]."""
+        shares = self._shares
+        drawn, own = np.unique(shares.segment, return_inverse=True)
+        varied = np.repeat(shares.fixed[drawn, None], totals.shape[1], axis=1)
+        _add_shares(totals, shares._replace(segment=own), varied)
+        return drawn, varied
+
+    def _every_busy(self, drawn: Indices, varied: Nanoseconds) -> Nanoseconds:
+        """Return the times of all segments, shape (segments, r) [ns]."""
+        busy = np.repeat(self._shares.fixed[:, None], varied.shape[1], axis=1)
         busy[drawn] = varied
-        return SegmentTimes(busy, none)
+        return busy
 
     def least_makespan_ns(self) -> int:
         """Return the makespan with the shortest possible duration of every skill [ns].

@@ -59,7 +59,7 @@ _RANGES: Mapping[str, UsualRange] = {
     # Steps and lines.
     "approach_m leave_m": UsualRange(0.002, 0.5, "m", "tools approach and leave within some centimetres"),
     "distance_m": UsualRange(1e-4, 3, "m", "cameras and nozzles work within a metre"),
-    "within_s at_least_s": UsualRange(0.01, 604_800, "s", "windows of time are seconds to days"),
+    "within_s at_least_s start_after_s": UsualRange(0.01, 604_800, "s", "windows of time are seconds to days"),
     "every_s": UsualRange(0.05, 86_400, "s", "lines bring a part in 0.5 s to some hours", False),
     "buffer": UsualRange(1, 20, "parts", "where no part may wait, a conveyor stops for each one", False),
     "advance_s refill_s leave_s": UsualRange(1e-3, 86_400, "s", "feeders and products take seconds to minutes"),

@@ -33,8 +33,9 @@ from twin.scenario.variations import Variant, apply_variation, layout_of
 from twin.studies.plans import workload
 from twin.studies.replications.experiment import Block
 from twin.studies.replications.workload import Engines, Workload, pack_workload
+from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_scenario
+from twin.trial.planning import plan_until_final
 from twin.trial.simulation import scenario_execution
 
 CHECK, REACH, PLAN, FULL, REPLICATIONS = RUNGS = (
@@ -287,7 +288,8 @@ def _motions(wanted: Planned) -> tuple[PlannedMotions, TemporalPlanGraph | None]
 @lru_cache(maxsize=2)
 def _full_plan(wanted: Planned) -> PlanResult:
     motions, _ = _motions(wanted)
-    return plan_scenario(wanted.scenario, wanted.folder, motions=motions)
+    case = LoadedScenario(wanted.scenario, wanted.folder)
+    return plan_until_final(case, motions=motions)
 
 
 def _work(scenario: Scenario, folder: Path, plan: PlanResult) -> Workload:

@@ -24,7 +24,7 @@ from twin.trial.auditor import load_auditor
 from twin.trial.executor import Executor
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_scenario, with_failures
+from twin.trial.planning import plan_until_final, with_failures
 from twin.trial.run_plan import run_plan_to_folder
 from twin.trial.run_result import RunResult
 
@@ -89,9 +89,11 @@ def operate(
     with run_folder(out, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
-        made = plan_scenario(case, progress=progress, keep=True)
+        made = plan_until_final(case, progress=progress, keep=True)
         if failures is not None:
-            made = replace(made, scenario=with_failures(case, made.tpg, failures))
+            made = replace(
+                made, scenario=with_failures(made.scenario, made.tpg, failures)
+            )
         operated: AbstractContextManager[Executor] = nullcontext(
             OperatedExecutor(answer)
         )
@@ -188,7 +190,7 @@ def operated_plan(
     if not isinstance(plan, PlanResult):
         tried = {"planning.shortcut_candidates": shortcuts}
         case = load(plan).varied({} if shortcuts is None else tried)
-        plan = plan_scenario(case, progress=progress, keep=True)
+        plan = plan_until_final(case, progress=progress, keep=True)
     if failures is not None:
         case = with_failures(plan.scenario, plan.tpg, failures)
         plan = replace(plan, scenario=case)

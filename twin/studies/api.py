@@ -205,7 +205,8 @@ def study(
         shortcuts: most shortcuts tried on each plan, in place of the scenario's.
         operate: replan the rest where a skill fails for good or a robot is out, as twin operate
             does, of the plan that it executes; by default where parts may be rejected (``then: rework`` or
-            ``scrap``) and the plans of the policies can be replanned.
+            ``scrap``) or rush orders come in, and the plans of the policies can be replanned. False leaves
+            rush orders out.
         failures: with it, probability that an attempt at any skill fails, a fifth of which lose the
             object; for skills without a rate in the scenario.
         workers: processes; 0 for none besides this one, None for one per core. A script that asks

@@ -94,7 +94,8 @@ def study(
             "--operate/--no-operate",
             help="Replan the remaining work where a skill fails for good or a "
             "robot is out of service, as twin operate does, with the plan "
-            "that it executes; by default where a failure has then: rework or scrap.",
+            "that it executes; by default where a failure has then: rework or scrap, "
+            "or products have rush orders. --no-operate leaves rush orders out.",
         ),
     ] = None,
     failures: Annotated[

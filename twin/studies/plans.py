@@ -44,8 +44,9 @@ from twin.studies.folder import RefusedLayout, StudyRequest
 from twin.studies.replications.experiment import Experiment
 from twin.studies.replications.timing_graph import timing_graph
 from twin.studies.replications.workload import Workload
+from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_scenario
+from twin.trial.planning import plan_until_final
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.skill_durations import nominal_ns
 from twin.uncertainty.stop_times import NEVER, draw_stops
@@ -316,8 +317,9 @@ def _planned(request: StudyRequest, layout: Variant, progress: Report) -> Plans:
     if wanted & {IN_SLOTS, SLOTS_SHORTENED}:
         require_no_machines(scenario)
     candidates = request.candidates
-    made = plan_scenario(
-        scenario, request.base, progress, wanted=wanted, candidates=candidates
+    case = LoadedScenario(scenario, request.base)
+    made = plan_until_final(
+        case, progress=progress, wanted=wanted, candidates=candidates
     )
     return made.plans
 

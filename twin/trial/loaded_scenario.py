@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from planning.errors import ScenarioError
 from twin.document.validation import parse_document
@@ -20,6 +20,9 @@ from twin.registry import FIGURES
 from twin.scenario.sections.scenario import Scenario, resolve_scenario
 from twin.scenario.shipped import scenario_path
 from twin.scenario.variations import apply_variation, is_of_execution
+
+if TYPE_CHECKING:
+    from twin.scenario.sections.kind import AssemblySection
 
 PathOrName = str | PathLike[str]
 """Path of a file or folder."""
@@ -88,6 +91,11 @@ class LoadedScenario:
             said = "; ".join(found)
             raise ScenarioError(f"cannot vary {', '.join(values)}: {said}")
         return replace(self, sections=sections)
+
+    def with_assembly(self, section: AssemblySection | None) -> LoadedScenario:
+        """Return the scenario with another section of its assembly, unchanged where that is None."""
+        changed = {} if section is None else {"assembly": section}
+        return replace(self, sections=self.sections.changed(**changed))
 
     def resolved(self) -> dict[str, Any]:
         """Return the content with every default filled in, as JSON would hold it."""

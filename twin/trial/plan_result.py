@@ -144,6 +144,11 @@ def read_plan(folder: PathOrName, scenario: AnyScenario | None = None) -> PlanRe
     place = Path(folder)
     loaded = scenario_of_run(place) if scenario is None else load(scenario)
     tpg = load_plan(place)
+    if scenario is not None and (place / MANIFEST).exists():
+        added = loaded.sections.kind.as_planned(
+            lambda: scenario_of_run(place).sections.assembly
+        )
+        loaded = loaded.with_assembly(added)
     found = cell_differences(tpg.cell, build_workcell(loaded.sections, loaded.folder))
     if found:
         raise ScenarioError(

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -61,6 +61,9 @@ _LEAST_GAIN = 0.01
 
 _FEWEST_OF_GROUP = 400
 """Fewest shortcuts tried on the plan of a group of products, of those that all groups share."""
+
+_MOST_PLANS = 100
+"""Most times that a scenario is planned where plans revise it."""
 
 _NO_SKILLS = {
     TaskKind.TRANSIT,
@@ -181,6 +184,18 @@ def plan_scenario(
     least = HOOKS.load("makespan bound")
     found = least(used.cell, used.work, used.task_plan, used.settings)
     return replace(plan, makespan_bound_s=found)
+
+
+def plan_until_final(case: LoadedScenario, **how: Any) -> PlanResult:
+    """Plan a scenario as ``plan_scenario`` does, and again as long as ``AssemblyKind.revised_section`` revises it."""
+    for _ in range(_MOST_PLANS):
+        made = plan_scenario(case, **how)
+        section = made.scenario.sections.kind.revised_section(made.tpg)
+        if section is None:
+            break
+        case = made.scenario.with_assembly(section)
+        how.pop("motions", None)
+    return made
 
 
 def _wanted(

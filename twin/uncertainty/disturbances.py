@@ -468,6 +468,17 @@ class Disturbances(Section):
         both = own.changed(parts={**said, **own.parts})
         return self.changed(failures={**self.failures, skill: both})
 
+    def vary_durations(self, name: str) -> bool:
+        """Return whether something of a name may take longer than its skills say, or fail, at no given time."""
+        stalls, breaks = self.stalls, self.breakdowns
+        return (
+            self.speed != Speed()
+            or self.jitter is not None
+            or bool(stalls.count_per_robot or stalls.rate_per_h)
+            or (breaks is not None and breaks.affects(name, "busy"))
+            or any(own.probability or own.parts for own in self.failures.values())
+        )
+
     def of_machine(self, name: str) -> Disturbances:
         """Return what disturbs a machine: what is said of it, and failed attempts at its process."""
         own = self.machines.get(name, MachineDisturbances())

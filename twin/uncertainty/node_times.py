@@ -188,6 +188,7 @@ class NodeTimeSampler:
 
     Attributes:
         skills: the draws of skills among them.
+        disturbed: chains whose nodes may take longer than their skills say, or fail.
     """
 
     def __init__(
@@ -206,6 +207,13 @@ class NodeTimeSampler:
             for k, chain in enumerate(tpg.chains)
         ]
         self._chains = [RobotTaskNodes(tpg, chain, names) for chain in tpg.chains]
+        self.disturbed: list[int] = [
+            k
+            for k, (chain, own) in enumerate(
+                zip(tpg.chains, self._by_chain, strict=True)
+            )
+            if own.vary_durations(chain.robot)
+        ]
         # A transit that is drawn quicker than planned stays within its joints' speed limits.
         self._floor = [
             np.where(chain.moves, np.minimum(least, nominal), 0)
@@ -221,7 +229,9 @@ class NodeTimeSampler:
         """Draw one replication."""
         moves, stalls, stands, fails, loses = [], [], [], [], []
         overrides = []
-        drawn = self._draw(seed, np.array([replication]))
+        numbers = np.array([replication])
+        totals = self.skills.totals(seed=seed, replications=numbers)
+        drawn = self._draw(range(len(self._chains)), seed, numbers, totals)
         for motion, found, failed, lost, override in drawn:
             stood = np.zeros(len(motion), dtype=np.int64)
             entries = []
@@ -256,49 +266,68 @@ class NodeTimeSampler:
         )
 
     def sample_segments(
-        self, contraction: Contraction, *, seed: int, replications: npt.ArrayLike
+        self,
+        contraction: Contraction,
+        *,
+        seed: int,
+        replications: npt.ArrayLike,
+        undisturbed: tuple[Nanoseconds, Nanoseconds] | None = None,
     ) -> SegmentTimes:
-        """Draw many replications, as sums over the segments of the contracted graph."""
+        """Draw many replications, as sums over the segments of the contracted graph.
+
+        Args:
+            contraction: the contracted graph.
+            seed: names the draws.
+            replications: numbers of the replications.
+            undisturbed: duration of every task that varies, and times of all segments without disturbances,
+                which are changed for the chains that are disturbed [ns]. Without them both are drawn.
+        """
         numbers = np.asarray(replications, dtype=np.int64)
-        segments = sum(len(first) - 1 for first in contraction.first)
-        busy = np.empty((segments, len(numbers)), dtype=np.int64)
+        segments = [len(first) - 1 for first in contraction.first]
+        offsets = np.cumsum([0, *segments]).tolist()
+        if undisturbed is None:
+            which = list(range(len(segments)))
+            totals = self.skills.totals(seed=seed, replications=numbers)
+            busy = np.empty((offsets[-1], len(numbers)), dtype=np.int64)
+        else:
+            which, (totals, busy) = self.disturbed, undisturbed
         fails = np.zeros(len(numbers), dtype=np.bool_)
         stands: list[Standstills] = []
         scaled = np.ones(busy.shape if self._scales_drives else (0, 0))
         for low in range(0, len(numbers), self._most_replications):
             part = slice(low, low + self._most_replications)
-            row = 0
-            drawn = self._draw(seed, numbers[part])
-            for first, (motion, found, failed, _, override) in zip(
-                contraction.first, drawn, strict=True
+            drawn = self._draw(which, seed, numbers[part], totals[:, part])
+            for k, (motion, found, failed, _, override) in zip(
+                which, drawn, strict=True
             ):
+                first, own = contraction.first[k], slice(offsets[k], offsets[k + 1])
                 if self._scales_drives:  # no segment is longer than a node then
-                    scaled[row : row + len(first) - 1, part] = override
-                rows = busy[row : row + len(first) - 1, part]
+                    scaled[own, part] = override
+                rows = busy[own, part]
                 if len(rows):
                     np.add.reduceat(motion, first[:-1], axis=0, out=rows)
                 for group in found:
                     segment = np.searchsorted(first, group.node, side="right") - 1
                     np.add.at(rows, (segment, group.column), group.duration_ns)
-                    own = replace(group, node=row + segment, column=low + group.column)
-                    stands.append(own)
+                    node, column = offsets[k] + segment, low + group.column
+                    stands.append(replace(group, node=node, column=column))
                 fails[part] |= failed >= 0
-                row += len(first) - 1
         return SegmentTimes(busy, fails, tuple(stands), scaled)
 
     def _draw(
-        self, seed: int, numbers: Indices
+        self, which: Sequence[int], seed: int, numbers: Indices, totals: Nanoseconds
     ) -> Iterator[
         tuple[Nanoseconds, list[Standstills], Indices, npt.NDArray[np.bool_], Array]
     ]:
-        """Yield motion, standstills, nodes that fail for good, whether they lose the object, and speed overrides."""
-        planned = self.skills.durations(seed=seed, replications=numbers)
+        """Yield motion, standstills, nodes that fail for good, whether they lose the object, and speed overrides.
+
+        Of some chains, by index, with the durations of tasks that vary.
+        """
         busy_ns = np.zeros(len(numbers))
-        for tasks, own, floor, disturbances in zip(
-            self._chains, planned, self._floor, self._by_chain, strict=True
-        ):
-            draws = ChainDraws(tasks, seed, numbers, disturbances)
-            motion = draws.motion(own, floor)
+        for k in which:
+            floor = self._floor[k]
+            draws = ChainDraws(self._chains[k], seed, numbers, self._by_chain[k])
+            motion = draws.motion(self.skills.durations(k, totals), floor)
             found = draws.standstills(motion)
             attempts, failed, lost = draws.failures(motion)
             busy_ns += motion.sum(axis=0, dtype=float)

@@ -218,18 +218,17 @@ class SkillDraws:
             out[rows] = to_nanoseconds(model.ppf(u[rows]))
         return out
 
-    def durations(
-        self, *, seed: int, replications: npt.ArrayLike
-    ) -> tuple[Nanoseconds, ...]:
-        """Return the duration of every node, per chain, shape (nodes, replications) [ns].
+    def durations(self, chain: int, totals: Nanoseconds) -> Nanoseconds:
+        """Return the duration of every node of a chain, shape (nodes, replications) [ns].
 
-        All nodes are there, so ask for some thousand replications at a time.
+        Args:
+            chain: index of the chain.
+            totals: duration of every task that varies, see ``totals``.
         """
-        totals = self.totals(seed=seed, replications=replications)
-        count = totals.shape[1]
-        out = tuple(np.repeat(row[:, None], count, axis=1) for row in self.nominal)
-        for total, (chain, nodes, weights) in zip(totals, self.nodes, strict=True):
-            out[chain][nodes] = share_duration(total, weights)
+        out = np.repeat(self.nominal[chain][:, None], totals.shape[1], axis=1)
+        for total, (own, nodes, weights) in zip(totals, self.nodes, strict=True):
+            if own == chain:
+                out[nodes] = share_duration(total, weights)
         return out
 
 

@@ -20,6 +20,7 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
+from scheduling.motion_times import with_full_speed_times
 from scheduling.sequences.copies import copies_in_sequence
 from scheduling.sequences.splice import splice_plans
 from tests.scheduling.graph.test_windows import plain_times, windowed_tpg
@@ -53,12 +54,14 @@ from twin.runs.execution_record import Policy
 from twin.studies.replications.timing_graph import timing_graph
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import (
+    Breakdowns,
     Disturbances,
     EmergencyStop,
     FixedFactor,
     Speed,
     Stalls,
 )
+from twin.uncertainty.node_times import NodeTimeSampler
 from twin.uncertainty.skill_durations import SkillDurations
 
 DURATIONS = SkillDurations(
@@ -98,6 +101,28 @@ def test_engines_agree_to_the_nanosecond(
     quick = Disturbances(speed=Speed(factor=factor) if speed != 1.0 else Speed())
     model = ExecutionModel(DURATIONS, policy, disturbances=quick)
     assert_same_ends(tpg, model, seed, range(5, 9))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.booleans(), st.floats(5.0, 100.0))
+def test_only_times_of_disturbed_robots_are_drawn_by_node(
+    seed: int, driven: bool, mtbf_s: float
+) -> None:
+    """Equal to drawing all nodes of all robots, standstills included."""
+    make = driven_tpg if driven else random_tpg
+    tpg = make(seed, dofs=(2, 2, 2), edges=12)
+    broken = Breakdowns(mtbf_s=mtbf_s, mttr_s=3.0, robots=(tpg.chains[1].robot,))
+    model = ExecutionModel(DURATIONS, disturbances=Disturbances(breakdowns=broken))
+    engine = BulkEngine(tpg, model, by_node=True)
+    found = engine.sample(seed=seed, replications=range(4))
+    free = with_full_speed_times(tpg)
+    sampler = NodeTimeSampler(free, DURATIONS, model.disturbances)
+    whole = sampler.sample_segments(
+        engine.contraction, seed=seed, replications=range(4)
+    )
+    assert sampler.disturbed == [1]
+    assert np.array_equal(found.busy_ns, whole.busy_ns)
+    assert np.array_equal(found.stood_ns(), whole.stood_ns())
 
 
 def test_engines_agree_in_slots() -> None:

@@ -222,7 +222,7 @@ ANY = {
     "SpiralSection": "growth_m turn_rad high", "TowerSection": "levels", "WallSection": "columns courses joint_m",
     "WellSection": "sides courses section_m joint_m", "PavilionSection": "arches chord_m thickness_m joint_m crown_deg",
     "ProcessSection": "turn_deg turns", "StepSection": "turn_deg", "ProductsSection": "spare start_up seed in_progress rush_after",
-    "MachineSection": "capacity", "OrderSection": "priority", "VariantSection": "share",
+    "MachineSection": "capacity batches", "OrderSection": "priority", "VariantSection": "share",
     "OrderChange": "drop more", "RecoverySection": "shortcuts", "StepWindowSection": "steps least", "WindowsSection": "hold",
     "ClearanceSection": "contact_tolerance_m",
     # The mean of a whole distribution is compared.

@@ -158,7 +158,8 @@ def test_whatever_is_late_is_waited_for_or_replaced(
     seed = data.draw(st.integers(0, 10_000))
     fails = data.draw(st.sampled_from([0.0, 0.1]))
     chances = lost(fails, 1) if fails else {}
-    done, events = operated(plan, seed, **late(**times), **chances)
+    patient = {"recovery.again": 100}
+    done, events = operated(plan, seed, **late(**times), **chances, **patient)
     require_kept(done)
     # Nothing is given up: there are more bricks than can be lost.
     assert done.record.outcome == "completed", done.given_up

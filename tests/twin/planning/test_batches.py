@@ -28,15 +28,19 @@ from tests.twin.scenarios.ovens import OVEN
 from tests.twin.written import loaded
 from twin.audits.run_auditor import audit_execution
 from twin.document.validation import InvalidScenarioError
+from twin.kinds.parts.batch_starts import closed_batches, waits_in_batches
 from twin.kinds.parts.batches import order_in_batches
 from twin.kinds.parts.built import assembly_of
 from twin.kinds.parts.line import write_out_line
 from twin.kinds.parts.section import PartsSection, StepSection
 from twin.kinds.parts.sources import ProductsSection
+from twin.operations.api import operate
 from twin.scenario.sections.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_scenario
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, read_plan
+from twin.trial.planning import plan_scenario, plan_until_final
+from twin.trial.run_plan import write_plan
 
 
 def varied(folder: Path, text: str) -> Scenario:
@@ -105,6 +109,85 @@ def test_batches_start_as_in_an_event_simulation(
     assert found == simulated_starts(arrivals, times, capacity)
 
 
+def timed_batches(
+    arrivals: Sequence[float], bakes: Sequence[float], capacity: int, longest: float
+) -> list[tuple[int, float]]:
+    """Return size and start of each run of an oven with a timer from the first part, which nothing is put into meanwhile.
+
+    Parts come in turn. The oven starts with the last part that comes before it is full or its time is over.
+    """
+    found: list[tuple[int, float]] = []
+    queue, free = list(arrivals), 0.0
+    while queue:
+        inside = [max(free, queue.pop(0))]
+        while queue and len(inside) < capacity:
+            put_in = max(free, queue[0])
+            if put_in > inside[0] + longest:
+                break
+            inside.append(put_in)
+            queue.pop(0)
+        found.append((len(inside), inside[-1]))
+        free = inside[-1] + bakes[len(found) - 1]
+    return found
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    capacity=st.integers(2, 6),
+    gaps=st.lists(st.integers(1, 50), min_size=1, max_size=20),
+    bakes=st.lists(st.integers(1, 100), min_size=20, max_size=20),
+    longest=st.integers(1, 120),
+)
+def test_batches_are_closed_as_by_a_timer(
+    capacity: int, gaps: list[int], bakes: list[int], longest: int
+) -> None:
+    """Plan by plan, with put-ins that each plan moves, since they wait for the runs before."""
+    arrivals = np.cumsum(gaps).astype(float).tolist()
+    sizes: tuple[int, ...] | None = ()
+    passes = 0
+    while sizes is not None:
+        given_sizes, free, found, waits = sizes, 0.0, [], []
+        order = order_in_batches(
+            [PRODUCT] * len(gaps), {"baking": capacity}, {"baking": given_sizes}
+        )
+        batches = [own for own in order if own[0][1] == 1]
+        for batch, bake in zip(batches, bakes, strict=False):
+            put_in = [max(free, arrivals[product]) for product, _ in batch]
+            found.append((len(batch), max(put_in)))
+            waits.append([max(put_in) - own for own in put_in])
+            free = max(put_in) + bake
+        sizes, passes = closed_batches(waits, longest), passes + 1
+    assert found == timed_batches(arrivals, bakes, capacity, longest)
+    assert passes <= 1 + sum(size < capacity for size, _ in found)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    batches=st.lists(
+        st.lists(st.integers(0, 30), min_size=1, max_size=4), min_size=1, max_size=5
+    ),
+    longest=st.integers(1, 30),
+)
+def test_a_batch_is_closed_before_the_first_part_that_is_too_late(
+    batches: list[list[int]], longest: int
+) -> None:
+    """In whatever order parts are put in, by however many robots."""
+
+    def kept(waits: list[int]) -> bool:
+        return all(abs(a - b) <= longest for a in waits for b in waits)
+
+    sizes = closed_batches(batches, longest)
+    if sizes is None:
+        assert all(map(kept, batches))
+        return
+    *before, size = sizes
+    assert before == [len(own) for own in batches[: len(before)]]
+    assert all(map(kept, batches[: len(before)]))
+    late = batches[len(before)]
+    assert kept(late[:size])
+    assert not kept(late[: size + 1])
+
+
 STEPS = {
     "p": {"place": "a", "at": {"fixture": "rack"}},
     "a": {"process": "baking", "at": {"part": "a"}},
@@ -166,6 +249,69 @@ def test_an_oven_is_shut_for_both_parts(plan: PlanResult, tmp_path: Path) -> Non
     shut = {h.object for h in door if h.holder is None}
     assert shut == {h.object for h in door if h.holder == Handling.GONE}
     assert len(shut) == 2
+
+
+SLOW_TRAY = "{kind: tray, pose: {xyz_m: [-0.35, -0.33, 0.015]}, grid: {counts: [1, 3], pitch_m: [0, 0.07]}, refill_s: 60}"
+SHELF = {"counts": [4, 1], "pitch_m": [0.036, 0]}
+
+
+def clocked(
+    folder: Path, seconds: float, count: int, more: str = "{}"
+) -> LoadedScenario:
+    """Return the cell with an oven for four that starts so long after its first part, and a slow tray for three."""
+    document = yaml.safe_load(OVEN)
+    parts = document["assembly"]
+    parts["sources"]["blanks"] = yaml.safe_load(SLOW_TRAY)
+    parts["machines"]["oven"] |= {"capacity": 4, "start_after_s": seconds}
+    parts["parts"][0]["size_m"] = [0.025, 0.025, 0.03]
+    at = {"pose": {"xyz_m": [-0.02, 0, 0.015]}, "grid": SHELF}
+    parts["steps"][0] |= {"name": "loaded", "at": parts["steps"][0]["at"] | at}
+    parts["products"] |= {"count": count, **yaml.safe_load(more)}
+    document["planning"]["shortcut_candidates"] = 0
+    return LoadedScenario(loaded(folder, yaml.safe_dump(document)), folder)
+
+
+def ovens_batches(scenario: LoadedScenario) -> tuple[int, ...]:
+    section = scenario.sections.assembly
+    assert isinstance(section, PartsSection)
+    return section.machines["oven"].batches
+
+
+def test_an_oven_starts_before_it_is_full(tmp_path: Path) -> None:
+    """The fourth part comes too late for the first three; a saved plan says so for the file from which it was made."""
+    case = clocked(tmp_path, 45.0, 4)
+    first, plan = plan_scenario(case), plan_until_final(case)
+    section = case.sections.assembly
+    assert isinstance(section, PartsSection)
+    ((*waits, last),) = waits_in_batches(section, first.tpg)["oven"]
+    assert [max(waits) - wait > 45.0 for wait in (*waits, last)] == [False] * 3 + [True]
+    assert ovens_batches(plan.scenario) == (3,)
+    assert verify_plan(plan.tpg).problems == ()
+    runs = [task.object for task in plan.tpg.tasks if task.kind == "baking"]
+    assert runs == ["blank.1", "blank.4"]
+    assert [window.most for window in plan.tpg.windows] == [45.0] * 4
+    for name, own in (("whole", first), ("closed", plan)):
+        (tmp_path / name).mkdir()
+        write_plan(own, tmp_path / name)
+        again = read_plan(tmp_path / name, case)
+        assert ovens_batches(again.scenario) == ovens_batches(own.scenario)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("more", ["{}", "{variants: {a: {}, b: {}}, order: [a, b]}"])
+def test_runs_of_an_oven_that_starts_by_the_clock(more: str, tmp_path: Path) -> None:
+    """The audit finds nothing, and no window of a run is broken at nominal times."""
+    case = clocked(tmp_path, 45.0, 8, more)
+    plan = plan_until_final(case)
+    assert ovens_batches(plan.scenario) == (3, 3)
+    assert verify_plan(plan.tpg).problems == ()
+    trial = executed(plan.scenario.sections, plan.tpg, tmp_path / "run")
+    found = trial.summary["windows"]
+    assert [own["within_s"] for own in found] == [45.0] * 8
+    assert not any(own["broken"] for own in found)
+    operated = operate(case, out=tmp_path / "operated", recording=False)
+    assert operated.passed
+    assert ovens_batches(operated.plan.scenario) == (3, 3)
 
 
 def steps_of(scenario: Scenario) -> list[tuple[str, str]]:
@@ -297,6 +443,16 @@ assembly                              | says
 {products: {orders: [{count: 4, variant: a}], variants: {a: {}}, order: [a]}} | and neither order nor due
 {changeovers: [{machine: oven, duration: 5}]} | products of a batch alternate: leave changeovers out
 {products: {orders: [{count: 4}], variants: {a: 1}}} | must be one of a
+{machines: {oven: {start_after_s: 0}}} | oven.start_after_s: must be greater than 0, not 0
+{machines: {oven: {start_after_s: soon}}} | oven.start_after_s: a number expected
+{machines: {oven: {start_after_s: 10}}} | :\d+:\d+: start_after_s of oven counts from the step that puts a part there: give that step and its name
+{machines: {oven: {start_after_s: 10, capacity: 1}}} | :21:22: start_after_s is of batches \(capacity\) .* not of 0: leave it out
+{machines: {oven: {batches: [1, 3]}}} | must be at most capacity, 2, not 3
+{machines: {oven: {batches: [0]}}} | oven.batches\[0\]: must be at least 1
+{machines: {oven: {batches: 2}}} | oven.batches: a list
+{machines: {oven: {batches: [1]}}, products: {count: 501}} | at most 500 products are made in batches of several sizes: leave batches out
+{machines: {oven: {batches: [1]}}, steps: [{place: blank, at: {fixture: rack, frame: nest, grid: {counts: [2, 1], pitch_m: [0.08, 0]}}}, {process: baking, at: {part: blank}}, {place: blank, at: {fixture: rack, frame: nest, grid: {counts: [2, 1], pitch_m: [0.08, 0]}}}, {process: baking, at: {part: blank}}, blank]} | batches is of batches \(capacity\) of one run of one process in a product, not of 2: leave it out
+{machines: {oven: {start_after_s: 10}}, sources: null, parts: [{name: blank, size_m: [0.03, 0.03, 0.03], start: {xyz_m: [-0.2, 0.3, 0.055]}, goal: {xyz_m: [0, -0.2, 0.015]}}], products: null, steps: [{process: baking, at: {part: blank}}, blank]} | :\d+:\d+: start_after_s of oven counts from the step that puts a part there: give that step and its name
 {products: {orders: [{count: 4, priority: 1000}]}} | orders\[0\].priority: must be at most 100, not 1000
 """),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import networkx as nx
@@ -43,11 +44,18 @@ UNNAMED = (
 TRAY = "{kind: tray, pose: {xyz_m: [-0.35, -0.33, 0.015]}, grid: {counts: [1, 3], pitch_m: [0, 0.07]}, refill_s: 2.0}"
 
 
-def ovens(order: list[str], count: int, places: int = 2, **products: object) -> str:
+def ovens(
+    order: list[str],
+    count: int,
+    places: int = 2,
+    batches: Sequence[int] = (),
+    **products: object,
+) -> str:
     """Return an oven that bakes some of the products, which come from a tray of three places."""
     document = yaml.safe_load(OVEN)
     parts = document["assembly"]
     parts["sources"]["blanks"] = yaml.safe_load(TRAY)
+    parts["machines"]["oven"]["batches"] = list(batches)
     load, bake, _ = parts["steps"]
     load["variants"] = bake["variants"] = ["baked"]
     load["at"]["grid"] = {"counts": [places, 1], "pitch_m": [0.08 / (places - 1), 0]}
@@ -98,16 +106,19 @@ def test_groups_planned_once_are_as_if_all_were_planned(tmp_path: Path) -> None:
     count=st.integers(3, 9),
     places=st.integers(2, 3),
     bound=st.sampled_from([None, 5, 6]),
+    batches=st.lists(st.integers(1, 2), max_size=3),
 )
 def test_any_groups_are_as_if_all_were_planned(
     order: list[str],
     count: int,
     places: int,
     bound: int | None,
+    batches: list[int],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     folder = tmp_path_factory.mktemp("ovens")
-    own = loaded(folder, ovens(["baked", *order], count, places, in_progress=bound))
+    text = ovens(["baked", *order], count, places, batches, in_progress=bound)
+    own = loaded(folder, text)
     every = plan_motions(own, folder, StageWatch(), whole=True).motion_plan
     require_same(plan_scenario(own, folder).tpg, every)
 
@@ -131,12 +142,13 @@ def test_a_mix_is_as_if_all_products_were_planned(count: int, tmp_path: Path) ->
     order=st.lists(st.sampled_from(["baked", "plain"]), min_size=1, max_size=5),
     count=st.integers(1, 40),
     places=st.integers(2, 3),
+    batches=st.lists(st.integers(1, 2), max_size=20),
 )
 def test_a_group_begins_with_what_the_ones_before_left(
-    order: list[str], count: int, places: int
+    order: list[str], count: int, places: int, batches: list[int]
 ) -> None:
     """Names and poses of all parts are followed through the groups, step by step."""
-    document = yaml.safe_load(ovens(order, count, places))["assembly"]
+    document = yaml.safe_load(ovens(order, count, places, batches))["assembly"]
     section = PartsSection.model_validate_json(json.dumps(document))
     found = line_units(section.model_dump_json())
     line = found.line
@@ -156,6 +168,9 @@ def test_a_group_begins_with_what_the_ones_before_left(
         for k, step in enumerate(unit.section.steps, start=1):
             written_out = line.section.steps[done + k - 1]
             assert names.get(step.place or "", None) == written_out.place
+            if k in unit.jobs:
+                together = tuple(names[part] for part in unit.jobs[k].parts)
+                assert together == line.jobs[done + k].parts
             assert (step.at and step.at.pose) == (
                 written_out.at and written_out.at.pose
             )

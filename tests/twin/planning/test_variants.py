@@ -11,7 +11,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from planning.tasks.assembly import Assembly
@@ -80,6 +80,7 @@ def section_of(scenario: Scenario) -> PartsSection:
     st.integers(0, 30),
     st.integers(0, 2**63 - 1),
 )
+@example({"a": 5e-324, "b": 0.0}, 5, 0)
 @settings(max_examples=30, deadline=None)
 def test_a_drawn_sequence_is_that_of_fewer_products_and_more(
     shares: dict[str, float], count: int, seed: int

@@ -48,8 +48,8 @@ def test_bulk_equals_one_at_a_time(
     tpg = with_cut_skill(random_tpg(plan, tasks=12))
     durations = SkillDurations(MODELS, antithetic=antithetic)
     draws = durations.bind(tpg)
-    bulk = draws.durations(seed=seed, replications=replications)
     totals = draws.totals(seed=seed, replications=replications)
+    bulk = [draws.durations(k, totals) for k in range(len(tpg.chains))]
     tasks = draws.tasks
     assert totals.shape == (len(tasks), len(replications))
     for row, replication in enumerate(replications):
@@ -111,9 +111,10 @@ def test_nothing_to_draw_is_nothing_drawn() -> None:
     tpg = random_tpg(3, tasks=20)
     draws = SkillDurations({}).bind(tpg)
     assert draws.tasks.shape == (0,)
-    assert draws.totals(seed=1, replications=range(3)).shape == (0, 3)
-    bulk = draws.durations(seed=1, replications=range(3))
-    for rows, nominal in zip(bulk, nominal_ns(tpg), strict=True):
+    totals = draws.totals(seed=1, replications=range(3))
+    assert totals.shape == (0, 3)
+    for k, nominal in enumerate(nominal_ns(tpg)):
+        rows = draws.durations(k, totals)
         assert np.array_equal(rows, np.stack([nominal] * 3, axis=1))
 
 

@@ -55,7 +55,7 @@ def test_a_run_is_played(file: Path, tmp_path: Path) -> None:
         page.locator("#speed").select_option("0.25")
         box = page.locator("#chart").bounding_box()
         page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 10)
-        playwright.expect(time).not_to_have_text(end)
+        playwright.expect(time).not_to_have_text(end, timeout=WAIT_MS)
         page.keyboard.press("Space")
         playwright.expect(page.locator("#play")).to_have_text("❚❚ Pause")
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, repeat
+from types import MappingProxyType
 
 from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
@@ -24,8 +26,17 @@ def batch_sizes(section: PartsSection) -> dict[str, int]:
     return {name: size for name, size in found.items() if size > 1}
 
 
+def first_batches(section: PartsSection) -> dict[str, tuple[int, ...]]:
+    """Return the numbers of parts in the first batches, by process, where they are given."""
+    given = {k: own.batches for k, own in section.machines.items() if own.batches}
+    processes = section.processes.items()
+    return {name: given[p.machine] for name, p in processes if p.machine in given}
+
+
 def order_in_batches(
-    products: Sequence[Sequence[StepSection]], sizes: Mapping[str, int]
+    products: Sequence[Sequence[StepSection]],
+    sizes: Mapping[str, int],
+    given: Mapping[str, Sequence[int]] = MappingProxyType({}),
 ) -> list[tuple[tuple[int, int], ...]]:
     """Return the steps of all products in the order in which they are done; the steps of a batch are one entry.
 
@@ -36,17 +47,21 @@ def order_in_batches(
     Args:
         products: steps of each product in their order.
         sizes: number of parts in a full batch, by process.
+        given: those of the first batches, by process; a process for which there are some has one run a product.
 
     Returns:
         Of each entry, the product and the step within it, both from 0; of a batch, those of each of its parts.
     """
-    runs: list[list[Run | None]] = [list(_runs(own, sizes)) for own in products]
+    runs: list[list[Run | None]] = [list(batch_runs(own, sizes)) for own in products]
     done, waits = [0] * len(products), dict[int, Run]()
     waiting: dict[Run, list[tuple[int, int]]] = {}
     found: list[tuple[tuple[int, int], ...]] = []
+    numbers = {k: chain(given.get(k, ()), repeat(size)) for k, size in sizes.items()}
+    full = {k: next(own) for k, own in numbers.items()}
 
     def begin(run: Run) -> None:
         batch = waiting.pop(run)
+        full[run[0]] = next(numbers[run[0]])
         found.append(tuple(batch))
         for product, _ in batch:
             waits.pop(product, None)
@@ -74,11 +89,11 @@ def order_in_batches(
             continue
         waits[product] = run
         waiting.setdefault(run, []).append((product, step))
-        if len(waiting[run]) == sizes[run[0]]:
+        if len(waiting[run]) == full[run[0]]:
             begin(run)
 
 
-def _runs(
+def batch_runs(
     steps: Sequence[StepSection], sizes: Mapping[str, int]
 ) -> Iterator[Run | None]:
     """Yield the run of each step, None for those that are in no batch.
@@ -105,7 +120,7 @@ def _runs(
 def batch_unit(section: PartsSection) -> int:
     """Return the number of products after which all batches have been full."""
     sizes = batch_sizes(section)
-    runs = Counter(run for run in _runs(section.steps, sizes) if run is not None)
+    runs = Counter(run for run in batch_runs(section.steps, sizes) if run is not None)
     return math.lcm(*(sizes[k] // math.gcd(sizes[k], n) for (k, _), n in runs.items()))
 
 
@@ -121,7 +136,7 @@ def batch_names(groups: Sequence[Sequence[StepSection]]) -> dict[str | None, str
 def batch_problems(section: PartsSection) -> Problems:
     """Yield batches that cannot be: without an order, with spare products, or with fewer places than parts."""
     sizes, products = batch_sizes(section), section.products
-    runs = list(_runs(section.steps, sizes))
+    runs = list(batch_runs(section.steps, sizes))
     of_run, lies = Counter(runs), dict[str, int]()
     for k, (step, run) in enumerate(zip(section.steps, runs, strict=True)):
         grid = products and (step.at.grid if step.at else products.places)

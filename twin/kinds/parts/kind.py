@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import accumulate
@@ -23,7 +23,12 @@ from twin.kinds.parts.alike import (
     listed_steps,
     with_named_parts,
 )
-from twin.kinds.parts.batches import batch_sizes, order_in_batches
+from twin.kinds.parts.batch_starts import (
+    closed_batches,
+    waits_in_batches,
+    with_batches,
+)
+from twin.kinds.parts.batches import batch_sizes, first_batches, order_in_batches
 from twin.kinds.parts.line import Line, machine_durations, write_out_line
 from twin.kinds.parts.problems import (
     disturbed_machines,
@@ -39,6 +44,7 @@ from twin.scenario.sections.kind import (
     ASSIGNMENT,
     NO_WINDOW,
     AssemblyKind,
+    AssemblySection,
     IdleReason,
     StartUp,
 )
@@ -153,7 +159,24 @@ class PartKind(AssemblyKind):
             {k: section.steps_of(k) for k in {*variants}},
         )
         listed = {k: [section.steps[n] for n in steps if n in own[k]] for k in own}
-        return order_in_batches([listed[k] for k in variants], sizes)
+        given = first_batches(section)
+        return order_in_batches([listed[k] for k in variants], sizes, given)
+
+    def revised_section(self, plan: TemporalPlanGraph) -> PartsSection | None:
+        """Return the section with the first batch closed that takes parts in for too long; None where none does."""
+        for name, batches in waits_in_batches(self.section, plan).items():
+            longest = self.section.machines[name].start_after_s or 0.0
+            if sizes := closed_batches(batches, longest):
+                return with_batches(self.section, {name: sizes})
+        return None
+
+    def as_planned(self, planned: Callable[[], AssemblySection]) -> PartsSection | None:
+        """Return the section with the batches of the one that was planned; None without ``start_after_s``."""
+        if not any(own.start_after_s for own in self.section.machines.values()):
+            return None
+        other = planned()
+        found = other.machines if isinstance(other, PartsSection) else {}
+        return with_batches(self.section, {k: own.batches for k, own in found.items()})
 
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product, spare ones included if expanded; empty without variants."""

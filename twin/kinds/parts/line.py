@@ -21,10 +21,12 @@ from scheduling.sequences.copies import product_part_name
 from twin.durations.bounded import Fixed
 from twin.durations.composed import AnyDuration, SkillOverride
 from twin.kinds.parts.alike import AlikeParts, alike_parts, with_named_parts
+from twin.kinds.parts.batch_starts import with_start_windows
 from twin.kinds.parts.batches import (
     batch_names,
     batch_sizes,
     batch_unit,
+    first_batches,
     merged_batches,
     order_in_batches,
 )
@@ -243,7 +245,8 @@ class _Writer:
             made = dict.fromkeys((*products.made, *range(1, self.products + 1)))
             self.sequence = tuple(known[k - 1] for k in made if known)
         self.own = {
-            variant: section.of_variant(variant) for variant in {*self.sequence, ""}
+            variant: with_start_windows(section.of_variant(variant))
+            for variant in {*self.sequence, ""}
         }
         self.counts = {name: [0] for name in section.taken}
         # Of several sources that the same parts come from, the places are those of the first one.
@@ -262,7 +265,9 @@ class _Writer:
         own = [self._of(k).steps for k in range(1, self.period + 1)]
         self.order = [
             [(k + 1, n) for k, n in group]
-            for group in order_in_batches(own, batch_sizes(section))
+            for group in order_in_batches(
+                own, batch_sizes(section), first_batches(section)
+            )
         ]
         self.number = {k: n for n, group in enumerate(self.order, 1) for k in group}
         self.ends = [self.number[k, len(n) - 1] for k, n in enumerate(own, 1)]
@@ -374,7 +379,7 @@ class _Writer:
     def _period(self) -> int:
         """Return the period: number of products after which all sources are full and places and machines empty.
 
-        It is all of them where the last batch is smaller than the others.
+        It is all of them where batches are not of one size.
         """
         shares = [
             (len(own.poses), len(self._names(k, 1))) for k, own in self.lying.items()
@@ -382,7 +387,7 @@ class _Writer:
         grids = (step.at.grid for step in self.section.steps if step.at)
         shares += [(grid.size, 1) for grid in grids if grid]
         batches = batch_unit(self.section)
-        if self.products % batches:
+        if self.products % batches or first_batches(self.section):
             return self.products
         periods = (n // math.gcd(n, own) for n, own in shares if own)
         period = math.lcm(len(self.places), batches, *periods)

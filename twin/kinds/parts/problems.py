@@ -11,6 +11,7 @@ from twin.document.validation import Problems, check_known_name, unknown_name
 from twin.document.yaml_text import KeyPath
 from twin.durations.composed import AnyDuration
 from twin.kinds.parts.alike import find_alike_problems
+from twin.kinds.parts.batch_starts import batch_start_problems
 from twin.kinds.parts.batches import batch_problems
 from twin.kinds.parts.line import OUTFEED, Line, feeding_machine
 from twin.kinds.parts.section import PartSection, PartsSection, StepSection
@@ -33,6 +34,7 @@ def find_part_problems(section: PartsSection, cell: CellSection) -> Problems:
     yield from _check_steps(section)
     yield from _check_line(section)
     yield from batch_problems(section)
+    yield from batch_start_problems(section)
     yield from _check_variants(section)
     yield from _check_rush(section)
     yield from _check_work(section, cell)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from planning.bounds import DENSEST_KG_M3
+from planning.bounds import DENSEST_KG_M3, LONGEST_S
 from planning.errors import ScenarioError
 from twin.document.section import Name, Section, Several, with_tuples
 from twin.durations.bounded import Fixed
@@ -31,6 +31,7 @@ from twin.scenario.sections.shapes import (
     Vector3,
 )
 
+Together = Annotated[int, Field(ge=1, le=100)]
 Distance = Annotated[float, Field(ge=1e-4, le=1)]
 Positions = Annotated[int, Field(ge=1, le=50)]
 Margin = Annotated[float, Field(ge=0, le=1)]
@@ -56,11 +57,16 @@ class MachineSection(Section):
         door: what is shut for as long as it works; nothing when not given.
         fixtures: names of those that it is made of: what it works at lies on one of them.
         capacity: most parts that it works at together, in one run of a process.
+        batches: numbers of parts in its first runs, where they are fewer; later ones are of ``capacity``.
+        start_after_s: how long after its first part a run takes further ones in, in the plan; any time when not
+            given.
     """
 
     door: DoorSection | None = None
     fixtures: tuple[Name, ...] = ()
-    capacity: Annotated[int, Field(ge=1, le=100)] = 1
+    capacity: Together = 1
+    batches: Annotated[tuple[Together, ...], Field(max_length=5000)] = ()
+    start_after_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
 
 
 ChangeoverTime = AnyDuration | PositiveSeconds

@@ -7,8 +7,9 @@ which it knows by their poses alone.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -31,6 +32,7 @@ from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.sequences.copies import product_part_name
 from scheduling.sequences.sequence import PlanSequence, SequencedPlan
+from twin.kinds.parts.batch_starts import with_batches
 from twin.kinds.parts.line import Line, write_out_line
 from twin.kinds.parts.section import PartsSection
 from twin.kinds.parts.sources import ProductsSection, VariantSection
@@ -200,7 +202,7 @@ class _Units:
         assert section.products is not None
         self._section, self._line = section, write_out_line(section)
         self._sequence = section.products.sequence(self._line.products)
-        self._alone: dict[tuple[str, ...], Line] = {}
+        self._alone: dict[object, Line] = {}
         self._parts = {part.name: part for part in self._line.section.parts}
         # Parts at rest, by name.
         later = self._line.later
@@ -210,13 +212,12 @@ class _Units:
         units: dict[object, Line] = {}
         order, every = [], []
         for (before, done), (last, step) in pairwise([(0, 0), *self._line.pauses]):
-            variants = self._sequence[before:last]
-            if variants not in self._alone:
-                self._alone[variants] = write_out_line(
-                    _of_first(self._section, variants)
-                )
             products, steps = range(before + 1, last + 1), range(done + 1, step + 1)
-            unit, names = self._unit(self._alone[variants], products, steps)
+            variants = self._sequence[before:last]
+            alone = variants, tuple(self._batches(steps))
+            if alone not in self._alone:
+                self._alone[alone] = write_out_line(_of_first(self._section, *alone))
+            unit, names = self._unit(self._alone[alone], products, steps)
             supply = unit.supply
             refilled = [
                 (k, [x for x, _ in own.parts]) for k, own in supply.refills.items()
@@ -228,6 +229,14 @@ class _Units:
             every.append(names)
             self._make(steps)
         return LineUnits(self._line, tuple(units.values()), tuple(order), tuple(every))
+
+    def _batches(self, steps: range) -> Iterator[tuple[str, tuple[int, ...]]]:
+        """Yield machines for which there are sizes of batches, each with those of its batches among some steps."""
+        for name, machine in self._section.machines.items():
+            if machine.batches:
+                runs = [k for k, job in self._line.jobs.items() if job.machine == name]
+                first, last = bisect_left(runs, steps[0]), bisect_right(runs, steps[-1])
+                yield name, machine.batches[first:last]
 
     def _unit(
         self, alone: Line, products: range, steps: range
@@ -318,8 +327,12 @@ class _Units:
                 del self._rests[name]
 
 
-def _of_first(section: PartsSection, variants: tuple[str, ...]) -> PartsSection:
-    """Return the section of a line of which only a number of products are made, by their variants."""
+def _of_first(
+    section: PartsSection,
+    variants: tuple[str, ...],
+    batches: Sequence[tuple[str, tuple[int, ...]]] = (),
+) -> PartsSection:
+    """Return the section of a line of which only a number of products are made, by their variants, in some batches."""
     products = section.products
     assert products is not None
     own = ProductsSection(
@@ -330,7 +343,7 @@ def _of_first(section: PartsSection, variants: tuple[str, ...]) -> PartsSection:
         in_progress=products.in_progress,
         leave_by=products.leave_by,
     )
-    return section.changed(products=own)
+    return with_batches(section.changed(products=own), dict(batches))
 
 
 @lru_cache(maxsize=8)

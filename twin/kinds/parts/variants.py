@@ -24,11 +24,13 @@ def sequence_by_shares(
     """
     from twin.uncertainty.draws import uniforms
 
-    ends = np.cumsum(list(shares.values()))
+    names = [name for name, share in shares.items() if share > 0.0]
+    own = np.array([shares[name] for name in names])
+    # In proportion to the largest, as products of the smallest numbers are inexact.
+    ends = np.cumsum(own / own.max())
     numbers = np.arange(1, count + 1)
     drawn = uniforms(seed, [0], [""] * count, numbers, [""] * count, _PURPOSE)[:, 0]
-    names = list(shares)
-    chosen = np.searchsorted(ends, drawn * ends[-1], side="right")
+    chosen = np.searchsorted(ends[:-1], drawn * ends[-1], side="right")
     return tuple(names[k] for k in chosen.tolist())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, Self, get_args
 
@@ -204,6 +204,16 @@ class AssemblyKind(Protocol):
     def variants(self) -> tuple[str, ...]:
         """Return the variant of each product; empty where all are equal."""
         return ()
+
+    def revised_section(self, _plan: TemporalPlanGraph) -> AssemblySection | None:
+        """Return the section to plan again with, given a plan of its own; None where that is final."""
+        return None
+
+    def as_planned(
+        self, _planned: Callable[[], AssemblySection]
+    ) -> AssemblySection | None:
+        """Return the section with what planning has added to the one that was planned; None where it adds nothing."""
+        return None
 
     def due(self) -> tuple[tuple[float, ...], StartUp]:
         """Return when each product is due [s], and how many at the beginning do not count."""
