@@ -6,6 +6,7 @@ same for every interleaving of the tasks of different robots. It is computed on 
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable
 from itertools import chain as joined
@@ -75,7 +76,7 @@ class TaskRelations:
     def unit_of(self, node: Node) -> int:
         """Return the unit that a node (chain, index) belongs to."""
         chain, index = node
-        place = int(np.searchsorted(self._first[chain], index, side="right")) - 1
+        place = bisect_right(self._first[chain], index) - 1
         return self.of_chain[chain][place]
 
     def stairs(self, earlier: int, later: int) -> Stair | None:

@@ -53,17 +53,17 @@ class Pieces:
         """Return the number of pieces."""
         return len(self.node)
 
-    @property
+    @cached_property
     def keys(self) -> Indices:
         """Key of each piece: the same for all pieces of a node, another one for the standstill before it."""
         return 2 * self.node + self.standing
 
-    @property
+    @cached_property
     def begin(self) -> Indices:
         """Last node that has started when the piece begins; -1 for none."""
         return self.node - self.standing
 
-    @property
+    @cached_property
     def until(self) -> Indices:
         """Moment at which the piece ends."""
         return self.since + ~self.standing
@@ -78,12 +78,14 @@ class Body:
     """A part of a robot, or everything that it carries at any time.
 
     Attributes:
-        motions: motion of the part; or of the parts of loads, one after another.
+        motions: motion of the part; or of the parts of loads.
+        spans: pieces during which each of them is there.
         which: index of the present one in each piece, -1 for none, shape (s,).
         load: whether it is a load and not a part of the robot.
     """
 
     motions: tuple[Motion, ...]
+    spans: tuple[range, ...]
     which: Indices
     load: bool
 
@@ -132,16 +134,19 @@ class VerifiedRobot:
         if self.chain is None:
             self.pieces = _standing_pieces(placed.home)
         else:
-            parts = [*robot.parts, *(part for _, part in loads)]
-            weights = np.array([part.weight for part in parts])
-            self.pieces = _cut(tpg.chains[self.chain], weights)
+            # On the same joint, that with the greatest reach outweighs all others at every joint.
+            weights: dict[int, Array] = {}
+            for part in [*robot.parts, *(part for _, part in loads)]:
+                known = weights.get(part.joint, part.weight)
+                weights[part.joint] = np.maximum(known, part.weight)
+            self.pieces = _cut(tpg.chains[self.chain], np.array([*weights.values()]))
         knots = self.pieces.knots
         frames = robot.joint_frames_along(knots)
         off = np.zeros((len(self.pieces), 2))
-        known = tpg.cell.deviations if deviations is None else deviations
-        if known and self.chain is not None:
+        skills = tpg.cell.deviations if deviations is None else deviations
+        if skills and self.chain is not None:
             moving = ~self.pieces.standing
-            of_node = deviating_nodes(tpg, tpg.chains[self.chain], known)
+            of_node = deviating_nodes(tpg, tpg.chains[self.chain], skills)
             off[moving] = of_node[self.pieces.node[moving]]
         links = DeviatingLinks(robot, frames, off)
         everywhere = np.zeros(len(self.pieces), dtype=np.int64)
@@ -151,34 +156,39 @@ class VerifiedRobot:
             far = links.deviates(part)
             return Motion(robot, part, knots, of_joint, self.error, self.origin, far)
 
-        self.bodies = [Body((moves(p),), everywhere, False) for p in robot.parts]
+        whole = range(len(self.pieces))
+        self.bodies = [
+            Body((moves(p),), (whole,), everywhere, False) for p in robot.parts
+        ]
         held = [(self._while_held(c), moves(p)) for c, p in loads]
         while held:  # loads that are never held at the same time share a body
-            taken: list[Motion] = []
+            chosen, left = list[tuple[range, Motion]](), list[tuple[range, Motion]]()
             which = np.full(len(self.pieces), -1)
             for inside, motion in held:
-                if np.all(which[inside] < 0):
-                    which[inside] = len(taken)
-                    taken.append(motion)
-            self.bodies.append(Body(tuple(taken), which, True))
-            held = [item for item in held if not any(item[1] is m for m in taken)]
+                now = which[inside.start : inside.stop]
+                free = bool(np.all(now < 0))
+                if free:
+                    now[:] = len(chosen)
+                (chosen if free else left).append((inside, motion))
+            spans, motions = zip(*chosen, strict=True)
+            self.bodies.append(Body(motions, spans, which, True))
+            held = left
+        self._which = np.stack([body.which for body in self.bodies])
 
     @cached_property
     def sweeps(self) -> SweepBounds:
         """Swept volume of each body in each piece."""
         sweeps = SweepBounds.nothing(len(self.pieces), len(self.bodies))
         for x, body in enumerate(self.bodies):
-            for k, motion in enumerate(body.motions):
-                pieces = np.flatnonzero(body.which == k)
-                low, high = motion.extents(pieces)
-                sweeps.low[0][:, pieces, x] = low
-                sweeps.high[0][:, pieces, x] = high
+            for motion, inside in zip(body.motions, body.spans, strict=True):
+                low, high = motion.extents(np.array(inside, dtype=np.int64))
+                sweeps.low[0][:, inside.start : inside.stop, x] = low
+                sweeps.high[0][:, inside.start : inside.stop, x] = high
         return sweeps.with_coarser()
 
     def which(self, bodies: Indices, pieces: Indices) -> Indices:
         """Return the motion index of each body in a piece, shape (k,)."""
-        table = np.stack([body.which for body in self.bodies])
-        return np.asarray(table[bodies, pieces])
+        return np.asarray(self._which[bodies, pieces])
 
     def moment(self, piece: int, body: str) -> Moment:
         """Return the description of a piece in a problem."""
@@ -191,15 +201,16 @@ class VerifiedRobot:
         gap = measure(part, self._at_home[part.joint + 1], rest.part, rest.frames[0])
         return part.joint <= 0 or gap <= 0.0
 
-    def _while_held(self, c: Carried) -> npt.NDArray[np.bool_]:
+    def _while_held(self, c: Carried) -> range:
+        """Return the pieces in which an object is held: both kinds of their moments are in order."""
         pieces = self.pieces
-        since, until = pieces.moment(*c.start), pieces.moment(*c.end)
-        inside = (pieces.since >= since) & (pieces.until <= until)
-        if c.given:
-            inside &= ~(pieces.standing & (pieces.since == since))
-        if c.fetched:
-            inside &= ~(pieces.standing & (pieces.until == until))
-        return inside
+        low = int(np.searchsorted(pieces.since, pieces.moment(*c.start)))
+        high = int(np.searchsorted(pieces.until, pieces.moment(*c.end), side="right"))
+        if c.given and low < len(pieces):  # the stand before the first node
+            low += int(pieces.standing[low])
+        if c.fetched and high > 0:  # the stand at the end
+            high -= int(pieces.standing[high - 1])
+        return range(low, max(low, high))
 
 
 class StillBodies:

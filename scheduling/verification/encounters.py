@@ -82,7 +82,8 @@ class Encounter:
     """Two parts, and the pieces in which they may be close at the same time.
 
     Attributes:
-        first, second: the parts.
+        first: a part of a robot, or what it carries.
+        second: likewise of another robot, or an object or fixture at rest.
         rows, columns: pieces of either, each of shape (k,).
         loaded: whether either is an object or fixture, not a part of a robot.
         at_rest: index of the part at rest, None between two robots.
@@ -95,14 +96,22 @@ class Encounter:
     loaded: bool
     at_rest: int | None = None
 
-    def allowed_by(
-        self, depths: Depths
-    ) -> Iterator[tuple[npt.NDArray[np.bool_], float]]:
-        """Yield which pairs of pieces allow a contact, shape (k,), and its allowed depth [m]."""
-        pair = frozenset((self.first.entity, self.second.entity))
-        for tasks, depth in depths.get(pair, ()):
-            first = self.first.in_tasks(self.rows, tasks)
-            yield first & self.second.in_tasks(self.columns, tasks), depth
+    def allowed_by(self, depths: Depths) -> Iterator[tuple[Indices, float]]:
+        """Yield the indices of pairs of pieces that allow a contact, and its allowed depth [m]."""
+        contacts = depths.get(frozenset((self.first.entity, self.second.entity)), ())
+        if not contacts:
+            return
+        assert self.first.robot is not None
+        own = self.first.robot.pieces.tasks[self.rows]
+        order = np.argsort(own, axis=None, kind="stable")
+        task, first = np.unique(own.ravel()[order], return_index=True)
+        parts = np.split(order // own.shape[1], first[1:])
+        rows_of = dict(zip(task.tolist(), parts, strict=True))
+        for tasks, depth in contacts:
+            some = [rows_of[t] for t in tasks if t in rows_of]
+            if some:
+                rows = np.unique(np.concatenate(some))
+                yield rows[self.second.in_tasks(self.columns[rows], tasks)], depth
 
 
 class Encounters:

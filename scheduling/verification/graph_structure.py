@@ -1,14 +1,13 @@
 """Checks of the structure of a saved plan: no cycles, edges in planned order, and unambiguous order of handlings.
 
-A handling is a pick, placement or handover of an object. Precedence of nodes is computed from ancestor sets,
-stored as bits of integers.
+A handling is a pick, placement or handover of an object. Precedence of nodes is computed from their first
+descendants in each chain, from the ends of the chains on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 
 import numpy as np
@@ -25,9 +24,6 @@ from scheduling.verification.object_places import (
 from scheduling.verification.problems import Problem, pair_problem
 
 _Node = tuple[int, int]
-
-_BLOCK = 4096
-"""Nodes whose ancestors are counted together: it bounds the memory."""
 
 
 def check_structure(tpg: TemporalPlanGraph) -> tuple[Precedence | None, list[Problem]]:
@@ -132,38 +128,35 @@ class Precedence:
 def find_precedence(tpg: TemporalPlanGraph) -> Precedence | None:
     """Return the order that type-1 and type-2 edges impose, None for a cycle."""
     lengths = [len(chain) for chain in tpg.chains]
-    first = np.cumsum([0, *lengths]).tolist()
-    total = first[-1]
-    sources: list[list[int]] = [[] for _ in range(total)]
-    for a, length in enumerate(lengths):
-        for v in range(1, length):
-            sources[first[a] + v].append(first[a] + v - 1)
+    targets: dict[_Node, list[_Node]] = {}
     for a, u, b, v in tpg.edges.tolist():
-        sources[first[b] + v].append(first[a] + u)
-    try:
-        order = list(TopologicalSorter(dict(enumerate(sources))).static_order())
-    except CycleError:
+        targets.setdefault((a, u), []).append((b, v))
+    # The first node of each chain that comes after a node; by chain, its last node first.
+    later: list[list[list[int]]] = [[] for _ in lengths]
+    found_some = True
+    while found_some:
+        found_some = False
+        for a, own in enumerate(later):
+            while (u := lengths[a] - 1 - len(own)) >= 0:
+                after = targets.get((a, u), ())
+                if any(len(later[b]) < lengths[b] - v for b, v in after):
+                    break
+                first = [*own[-1]] if own else [*lengths]
+                first[a] = u + 1
+                for b, v in after:
+                    first = list(map(min, first, later[b][lengths[b] - 1 - v]))
+                    first[b] = min(first[b], v)
+                own.append(first)
+                found_some = True
+    if any(len(own) < length for own, length in zip(later, lengths, strict=True)):
         return None
-    complete = [[np.zeros(n, dtype=np.int64) for n in lengths] for _ in lengths]
-    for a, length in enumerate(lengths):
-        for start in range(0, length, _BLOCK):
-            stop = min(start + _BLOCK, length)
-            counts = _ancestors(sources, order, first[a] + start, first[a] + stop)
-            for b in range(len(lengths)):
-                complete[a][b] += counts[first[b] : first[b + 1]]
-    return Precedence(tuple(tuple(row) for row in complete))
-
-
-def _ancestors(
-    sources: list[list[int]], order: list[int], start: int, stop: int
-) -> Indices:
-    """Return, for every node, how many of the nodes ``range(start, stop)`` precede it."""
-    bits = [0] * len(sources)
-    for v in order:
-        mine = 0
-        for u in sources[v]:
-            mine |= bits[u]
-            if start <= u < stop:
-                mine |= 1 << (u - start)
-        bits[v] = mine
-    return np.array([b.bit_count() for b in bits], dtype=np.int64)
+    tables = [np.array(own[::-1]).reshape(-1, len(lengths)) for own in later]
+    return Precedence(
+        tuple(
+            tuple(
+                np.searchsorted(table[:, b], np.arange(length), side="right")
+                for b, length in enumerate(lengths)
+            )
+            for table in tables
+        )
+    )

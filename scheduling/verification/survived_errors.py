@@ -183,7 +183,7 @@ class _ShareSearch:
         strayed = first.motion.strays(met.rows) + second.motion.strays(met.columns)
         free = strayed > 0.0
         for meant, _ in met.allowed_by(self._allowed):
-            free &= ~meant
+            free[meant] = False
         rows, columns = met.rows[free], met.columns[free]
         one = np.zeros(len(rows), dtype=np.int64)
         while self.share > 0.0:

@@ -141,7 +141,7 @@ def self_contact_problems(
         yield from _in_pieces(robot, own, (x, y), everything)
     for body in loads:
         for k, motion in enumerate(body.motions):
-            held = np.flatnonzero(body.which == k)
+            held = np.array(body.spans[k], dtype=np.int64)
             for arm in parts:
                 x = arm.motions[0].part
                 if x.joint < motion.part.joint:

@@ -1,6 +1,6 @@
 """Independent, slow proof that a saved plan is safe for any delays (``twin verify``).
 
-No code is shared with the construction of the graph. Precedence is computed from the sets of all ancestors of nodes.
+No code is shared with the construction of the graph. Precedence is computed from the first descendants of nodes.
 pinocchio reads robot geometry from the URDF files, and coal computes distances with exact shapes. Occupancy comes
 from dense samples, enlarged by a bound on the motion between them.
 

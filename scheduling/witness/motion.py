@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -56,7 +55,7 @@ class Motion:
         """
         ends = np.stack([pieces, pieces + 1])
         reach = self._at_knots(self.frames[ends.reshape(-1)], direction[None])
-        most = reach.reshape(2, -1).max(axis=0) + self._bulge[pieces]
+        most = reach.reshape(2, -1).max(axis=0) + self._bulge(pieces)
         return np.asarray(most + self.strays(pieces))
 
     def extents(self, pieces: Indices) -> tuple[Array, Array]:
@@ -65,7 +64,7 @@ class Motion:
         if len(pieces) < len(self):
             here = np.unique(np.concatenate([pieces, pieces + 1]))
             first = np.searchsorted(here, pieces)
-        bulge = self._bulge[pieces] + self.strays(pieces)
+        bulge = self._bulge(pieces) + self.strays(pieces)
         most, least = np.split(self._at_knots(self.frames[here], _BOTH_SENSES), 2)
         low = np.minimum(-least[:, first], -least[:, first + 1]) - bulge
         return low, np.maximum(most[:, first], most[:, first + 1]) + bulge
@@ -77,7 +76,7 @@ class Motion:
             return off
         ends = np.stack([pieces, pieces + 1])
         far = self._from_origin(self.frames[ends.reshape(-1)]).reshape(2, -1)
-        most = far.max(axis=0) + self._bulge[pieces]
+        most = far.max(axis=0) + self._bulge(pieces)
         return np.asarray(off + self.error.m + self.error.rad * most)
 
     def strays_at(self, frame: Array, piece: int = 0) -> float:
@@ -136,16 +135,15 @@ class Motion:
         reach += local @ self.part.local[:3, 3] + frames[:, :3, 3] @ directions.T
         return np.asarray(reach.T)
 
-    @cached_property
-    def _bulge(self) -> Array:
-        """Bounds on the deviation of any point from the straight line between its ends, by piece, shape (s,) [m].
+    def _bulge(self, pieces: Indices) -> Array:
+        """Bounds on the deviation of any point from the straight line between its ends in pieces, shape (k,) [m].
 
         A point p(t) is no further from it than max |p''| / 8, and each pair of joints adds to
         p'' no more than the turn of the inner times what the outer one moves.
         """
         if self.robot is None:
-            return np.zeros(len(self))
-        step = np.abs(np.diff(self.knots, axis=0))
+            return np.zeros(len(pieces))
+        step = np.abs(self.knots[pieces + 1] - self.knots[pieces])
         turn = step * self.robot.turns
         inner = 2.0 * np.cumsum(turn, axis=1) - turn
         return np.asarray((step * inner) @ self.part.weight / 8.0)

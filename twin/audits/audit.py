@@ -8,12 +8,14 @@ poses, but no precomputed hulls, capsules or kinematics.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from planning.files import require_own_files
 from planning.transforms import Transform
@@ -37,8 +39,8 @@ from twin.audits.motion.efforts import (
     greatest_efforts,
     tool_speeds_of_run,
 )
-from twin.audits.motion.executed import Recording, ReplayedRun, read_recording
-from twin.audits.motion.stretches import stretches
+from twin.audits.motion.executed import Recording, ReplayedRun, Stay, read_recording
+from twin.audits.motion.stretches import Sampler, stretches
 from twin.audits.motion_limits import (
     effort_violations,
     limit_violations,
@@ -67,6 +69,9 @@ from twin.host.atomic_files import finite_or_none
 from twin.host.progress import Report, report_nothing
 
 _EVENTS = "events.jsonl"
+
+STATES_APART_S = 1000.0
+"""Time from one standing state to the next one in a recording of many [s]."""
 
 AUDIT = "audit"
 """Name of the stage for progress displays."""
@@ -286,6 +291,42 @@ class Auditor(AbstractContextManager["Auditor"]):
         if ordered:
             found += edge_violations(self._tpg, case.moved, "trajectory.parquet")
         return self._report(contacts, found)
+
+    def audit_stands(
+        self, recording: Recording, placements: Iterable[Mapping[str, Stay]]
+    ) -> Iterator[AuditReport]:
+        """Yield a report on each of some states in which all robots stand, with the least distance so far.
+
+        Args:
+            recording: robots stand in state k from ``k * STATES_APART_S`` on, for two seconds, with a row
+                for each. The first of them is not looked at.
+            placements: places of all present objects in each state.
+        """
+        case = AuditCase(self._world, self._tpg, recording, self._wanted)
+        sampler, least = Sampler(self._world, case), math.inf
+        clean = set[Hashable]()
+        joints = list(joint_violations(recording.robots, self._world.limits))
+        for k, there in enumerate(placements):
+            contacts = Contacts(
+                case,
+                self._allowed,
+                self._exempt,
+                least,
+                second=self._second,
+                clean=clean,
+            )
+            t = k * STATES_APART_S + np.arange(1.0, 3.0)
+            state = sampler.sample(t, there)
+            contacts.look(state)
+            contacts.finish()
+            least = contacts.least
+            beyond = (v for v in joints if v.t_start <= t[1] and v.t_end >= t[0])
+            report = self._report(contacts, beyond)
+            if not report.violations:
+                clean |= {
+                    contacts.surroundings(state, n) for n in range(len(state.robots))
+                }
+            yield report
 
     def audit_contacts(self, recording: Recording) -> AuditReport:
         """Measure every distance of an execution, without other checks.

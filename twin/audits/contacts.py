@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import chain, combinations, product
@@ -45,8 +45,8 @@ _NEAR, _FARTHER = 0.02, 3.0
 _LATER = 8
 """Greatest number of postponed stretches in which robots are far apart."""
 
-Allowed = Mapping[frozenset[str], Sequence[AllowedContact]]
-"""Allowed contacts by pair of entities."""
+Allowed = Mapping[frozenset[str], Mapping[int, Sequence[AllowedContact]]]
+"""Allowed contacts by pair of entities and by task."""
 
 AllowedDepths = Callable[[ClosePair], Array]
 """Returns how deep a pair of shapes may overlap at each sample of a stretch, shape (m,) [m]."""
@@ -69,12 +69,14 @@ def allowed_contacts(tpg: TemporalPlanGraph) -> Allowed:
     objects = {item.name for item in tpg.cell.objects}
     others = {item.name for item in tpg.cell.fixtures}
     others |= {f"{robot.name}/tool" for robot in tpg.cell.robots}
-    allowed: dict[frozenset[str], list[AllowedContact]] = {}
+    allowed: dict[frozenset[str], dict[int, list[AllowedContact]]] = {}
     for contact in tpg.allowed:
         pair = frozenset((contact.first, contact.second))
         partners = pair - objects
         if len(pair) == 2 and len(partners) <= 1 and partners <= others:
-            allowed.setdefault(pair, []).append(contact)
+            of_task = allowed.setdefault(pair, {})
+            for task in contact.tasks:
+                of_task.setdefault(task, []).append(contact)
     return allowed
 
 
@@ -91,6 +93,7 @@ class Contacts:
         within: robots further apart than this are not measured [m].
         any_depth: whether allowed contacts may be of any depth.
         second: the same cell in PyBullet, which looks for overlaps at samples.
+        clean: robots whose contacts with themselves and with what rests are known, see ``surroundings``.
 
     Attributes:
         least: least distance of two robots with carried objects, where they should not touch [m].
@@ -108,9 +111,10 @@ class Contacts:
         *,
         any_depth: bool = False,
         second: BulletWorld | None = None,
+        clean: Collection[Hashable] = (),
     ) -> None:
         self._case, self._allowed, self._exempt = case, allowed, exempt
-        self._any_depth, self._second = any_depth, second
+        self._any_depth, self._second, self._clean = any_depth, second, clean
         self._tools = {f"{robot}/tool": robot for robot in case.robots}
         self._allowed_depth = cache(self._depth)
         self.least, self._measuring = within, Measuring()
@@ -195,8 +199,23 @@ class Contacts:
     def _own_pairs(self, stretch: RunStretch) -> Iterator[ClosePair]:
         """Yield the pairs that may overlap: within each robot, and of it and things at rest."""
         for robot in range(len(stretch.robots)):
+            if self._clean and self.surroundings(stretch, robot) in self._clean:
+                continue
             yield from pairs_of_robot(stretch, robot, self._exempt)
             yield from pairs_at_rest(stretch, robot, self._exempt)
+
+    def surroundings(self, stretch: RunStretch, robot: int) -> Hashable:
+        """Return what decides on the contacts of a standing robot but those with other robots.
+
+        A sampler keeps the parts of held objects and those at rest, so that they are the same ones in all its stretches.
+        """
+        rows = self._case.robots[self._case.cell.robots[robot].name]
+        nodes, moving = (
+            rows.node[np.searchsorted(rows.t, stretch.t)],
+            stretch.robots[robot],
+        )
+        parts = *map(id, moving.parts), *map(id, stretch.still.motions)
+        return robot, moving.knots.tobytes(), nodes.tobytes(), parts
 
     def _depths(self, stretch: RunStretch) -> AllowedDepths:
         """Return the function that returns how deep a pair may overlap at each sample."""
@@ -334,10 +353,12 @@ class Contacts:
             pair: their names.
             tasks: current tasks of the robot of each, None at rest.
         """
+        of_task, busy = self._allowed[pair], [own for own in tasks if own is not None]
         now = [
             contact
-            for contact in self._allowed.get(pair, ())
-            if all(own is None or contact.tasks & own for own in tasks)
+            for task in (busy[0] if busy else of_task)
+            for contact in of_task.get(task, ())
+            if all(contact.tasks & own for own in busy)
         ]
         if not now:
             return SLACK

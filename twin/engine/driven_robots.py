@@ -87,9 +87,8 @@ class DrivenRobots(RobotPort):
                 # Stops apply to commands, which execution lags behind.
                 lag = self._drives[k].lag
                 opens = [self.rests_before(k, node) for node in range(len(length))]
-                commanded = np.where(opens, start, start - lag), end - lag
-                spans = zip(*(times.tolist() for times in commanded), strict=True)
-                took -= [execution.stops[k].stopped_between(a, b) for a, b in spans]
+                begun = np.where(opens, start, start - lag)
+                took -= execution.stops[k].stopped_between(begun, end - lag)
             moved = length > 0.0
             moved[[n for (c, n), x in self._stopped.items() if c == k and x]] = True
             moved &= end >= 0

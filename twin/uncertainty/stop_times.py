@@ -211,11 +211,15 @@ class Stops:
             if start < until_ns
         )
 
-    def stopped_between(self, start_ns: int, end_ns: int) -> int:
-        """Return the total stop time between two times [ns]."""
-        return sum(
-            max(0, min(b, end_ns) - max(a, start_ns)) for a, b in self.intervals(end_ns)
-        )
+    def stopped_between(
+        self, start_ns: Nanoseconds | int, end_ns: Nanoseconds | int
+    ) -> Nanoseconds:
+        """Return the total stop time between two times, or between any number of two [ns]."""
+        start, end = np.asarray(start_ns), np.asarray(end_ns)
+        self._extend(int(end.max(initial=0)))
+        pace = StoppedClock(list(zip(self._starts, self._ends, strict=True)))
+        worked = pace.own(end) - pace.own(start)
+        return np.asarray(np.maximum(end - start - worked, 0))
 
     def times_by_code(self, until_ns: int) -> dict[StopCode, int]:
         """Return the stop time before a time by code, of overlapping stops by the first one in STOP_CODES [ns]."""

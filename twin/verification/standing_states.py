@@ -8,17 +8,19 @@ all such states.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from planning.tasks.task import Handling
+from planning.transforms import Array, Transform
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.graph_structure import find_precedence
-from twin.audits.audit import Auditor
+from twin.audits.audit import STATES_APART_S, Auditor
 from twin.audits.case import Violation
-from twin.audits.motion.executed import ObjectRow, Recording, RobotRows
+from twin.audits.motion.executed import ObjectRow, Recording, RobotRows, Stay
 from twin.audits.worlds.engines import Engine, engine_and_version, engine_named
 from twin.host.progress import Report, report_nothing
 
@@ -92,26 +94,67 @@ def run_until_still(tpg: TemporalPlanGraph, frozen: int, node: int) -> tuple[int
     return tuple(dispatcher.completed(k) for k in range(len(tpg.chains)))
 
 
-def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recording:
-    """Return a standing state as one second in which nothing moves."""
-    robots = {}
-    chains, counts = tpg.chain_index, _begun(tpg, state)
-    for placed in tpg.cell.robots:
-        if placed.name not in chains:
-            q, nodes = placed.home, [-1, -1]
-        else:
-            count = counts[chains[placed.name]]
-            chain = tpg.chains[chains[placed.name]]
-            q = chain.stands_at(count)
-            nodes = [max(count - 1, 0), min(count, len(chain) - 1)]
-        rows = RobotRows(np.array([0.0, 1.0]), np.stack([q, q]), np.array(nodes))
-        robots[placed.name] = rows
+def standing_recording(tpg: TemporalPlanGraph, counts: tuple[int, ...]) -> Recording:
+    """Return the state after some nodes of each chain as one second in which nothing moves."""
     objects = tuple(
         ObjectRow(0.0, h.object, h.holder, h.pose)
         for h in tpg.handlings
         if h.node < counts[h.robot] or tpg.holds_before(h)
     )
+    robots = _standing_rows(tpg, [counts], np.array([[0.0, 1.0]]))
     return Recording(robots, objects, 1.0)
+
+
+def _standing_rows(
+    tpg: TemporalPlanGraph, stops: Sequence[tuple[int, ...]], times: Array
+) -> dict[str, RobotRows]:
+    """Return rows of robots that stand in one state after another.
+
+    Args:
+        tpg: the plan.
+        stops: of each state, the number of nodes after which each chain stands.
+        times: of the rows of each state, shape (states, m) [s]; the last is of the node after it.
+    """
+    robots, chains, each = {}, tpg.chain_index, times.shape[1]
+    for placed in tpg.cell.robots:
+        q = np.tile(placed.home, (len(stops), 1))
+        nodes = np.full(times.shape, -1)
+        if placed.name in chains:
+            index = chains[placed.name]
+            chain = tpg.chains[index]
+            counts = np.array([stop[index] for stop in stops], dtype=np.int64)
+            q = np.vstack([chain.start[None], chain.waypoints])[chain.first[counts]]
+            nodes[:] = np.maximum(counts - 1, 0)[:, None]
+            nodes[:, -1] = np.minimum(counts, len(chain) - 1)
+        q = np.repeat(q, each, axis=0)
+        robots[placed.name] = RobotRows(times.ravel(), q, nodes.ravel())
+    return robots
+
+
+def _placements(
+    tpg: TemporalPlanGraph, stops: Sequence[tuple[int, ...]]
+) -> Iterator[dict[str, Stay]]:
+    """Yield the places of all present objects in states, each place as one and the same stay."""
+    numbers = {item.name: k for k, item in enumerate(tpg.cell.objects)}
+    # Each with the node, of a chain, in which it is put there; -1 from the start on.
+    known: list[tuple[str, str | None, Transform, int, int]] = [
+        (o.name, None, o.start, 0, -1) for o in tpg.cell.objects if not o.later
+    ]
+    known += [
+        (h.object, h.holder, h.pose, h.robot, -1 if tpg.holds_before(h) else h.node)
+        for h in tpg.handlings
+    ]
+    stays = [Stay(*at[:3], 0.0, math.inf, None) for at in known]
+    gone = np.array([stay.holder == Handling.GONE for stay in stays], dtype=np.bool_)
+    rows = [(numbers[at[0]], *at[3:]) for at in known]
+    number, chain, node = np.array(rows, dtype=np.int64).reshape(-1, 3).T
+    for counts in stops:
+        done = np.flatnonzero(node < np.array(counts)[chain])
+        last = np.full(len(numbers), -1)
+        np.maximum.at(last, number[done], done)
+        last = last[last >= 0]
+        there = [stays[k] for k in last[~gone[last]].tolist()]
+        yield {stay.object: stay for stay in there}
 
 
 def _begun(tpg: TemporalPlanGraph, state: StandingState) -> tuple[int, ...]:
@@ -137,17 +180,23 @@ def audit_standing_states(
         RequestError: the engine is not installed.
     """
     states = list(standing_states(tpg))
-    least, found = math.inf, []
-    chosen = engine_named(engine)
+    begun = [_begun(tpg, state) for state in states]
+    stops = list(dict.fromkeys(begun))  # many stops may lead to the same state
+    times = np.add.outer(STATES_APART_S * np.arange(len(stops)), np.arange(3.0))
+    least, chosen = math.inf, engine_named(engine)
     known: dict[tuple[int, ...], tuple[Violation, ...]] = {}
     with Auditor(tpg, chosen) as auditor:
-        for k, state in enumerate(states):
-            counts = _begun(tpg, state)
-            if counts not in known:  # many stops may lead to the same state
-                report = auditor.audit(
-                    standing_recording(tpg, state), within=least, ordered=False
-                )
-                least, known[counts] = report.min_distance_m, report.violations
-            found += [(state, violation) for violation in known[counts]]
-            progress(STOPPING, k + 1, len(states))
+        recording = Recording(
+            _standing_rows(tpg, stops, times), (), times.max(initial=0.0)
+        )
+        looks = auditor.audit_stands(recording, _placements(tpg, stops))
+        for counts, report in zip(stops, looks, strict=False):
+            if report.violations:
+                alone = standing_recording(tpg, counts)
+                report = auditor.audit(alone, within=least, ordered=False)
+            least, known[counts] = report.min_distance_m, report.violations
+            progress(STOPPING, len(known), len(stops))
+    found = [
+        (s, v) for s, counts in zip(states, begun, strict=True) for v in known[counts]
+    ]
     return AdversaryReport(len(states), least, tuple(found), engine_and_version(chosen))

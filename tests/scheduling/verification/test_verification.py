@@ -19,9 +19,11 @@ from scheduling.verification.verify import verify_plan
 from scheduling.witness.parts import measure
 from scheduling.witness.robot import WitnessRobot
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
+from twin.audits.audit import Auditor
 from twin.verification.standing_states import (
     audit_standing_states,
     run_until_still,
+    standing_recording,
     standing_states,
 )
 
@@ -143,6 +145,34 @@ def test_a_robot_that_stands_in_the_way_between_two_ordered_nodes_is_found() -> 
     assert {(s.robot, s.node, s.at_end) for s, _ in adversary.violations} == {
         ("right", 0, True)
     }
+
+
+@pytest.mark.parametrize(
+    ("right_first", "edges", "stopped"),
+    [
+        (True, [(1, 0, 0, 0), (0, 1, 1, 1)], ("left", 1, True)),
+        (False, [(0, 2, 1, 0), (1, 0, 0, 3)], ("right", 0, True)),
+    ],
+)
+def test_standing_states_are_audited_as_each_alone(
+    right_first: bool, edges: list[tuple[int, int, int, int]], stopped: object
+) -> None:
+    """Left puts a block where right stands, or right comes to where it lies and stops."""
+    writer = carrying(right_first=right_first)
+    tpg = graph(go(writer, ("left", writer.cell.robot("left").home + 0.1)), *edges)
+    expected, least = [], []
+    for state in standing_states(tpg):
+        counts = list(state.completed)
+        counts[tpg.chain_index[state.robot]] += state.at_end
+        with Auditor(tpg) as auditor:
+            alone = standing_recording(tpg, tuple(counts))
+            report = auditor.audit(alone, ordered=False)
+        expected += [(state, violation) for violation in report.violations]
+        least.append(report.min_distance_m)
+    found = audit_standing_states(tpg)
+    assert found.violations == tuple(expected)
+    assert {(s.robot, s.node, s.at_end) for s, _ in expected} == {stopped}
+    assert found.min_distance_m == pytest.approx(min(least), abs=5e-5)
 
 
 def test_a_robot_without_nodes_stands_in_the_way() -> None:

@@ -54,6 +54,8 @@ def test_work_advances_only_while_not_stopped(
 ) -> None:
     stops = stops_at(*intervals)
     stopped = {t for a, b in intervals for t in range(a, b)}
+    inside = stopped.intersection(range(begin, begin + busy))
+    assert stops.stopped_between(begin, begin + busy) == len(inside)
     expected = begin
     while expected in stopped:
         expected += 1

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.caches import BoundedCache
 from planning.cell.shape import Shape
 from planning.errors import OutputError
 from planning.transforms import Array, Transform
@@ -24,6 +25,9 @@ STEP = 0.022
 
 _ROWS = 1500
 """Rows that are sampled at once: it bounds the memory."""
+
+_STANDING = 1000
+"""Standing robots, with what they hold, that are kept."""
 
 _Resting = tuple[StillParts, list[tuple[WatchedShape, Transform]]]
 """Objects and fixtures at rest, with the poses of their shapes."""
@@ -68,7 +72,7 @@ class RunStretch:
 
 def stretches(world: AuditWorld, replay: ReplayedRun) -> Iterator[RunStretch]:
     """Yield the whole run in order; each stretch starts when the one before it ends."""
-    sampler = _Sampler(world, replay)
+    sampler = Sampler(world, replay)
     moved = [rows.t for rows in replay.robots.values()]
     states = list(replay.states())
     knots = np.unique(np.concatenate([[t for t, _ in states], *moved]))
@@ -81,7 +85,7 @@ def stretches(world: AuditWorld, replay: ReplayedRun) -> Iterator[RunStretch]:
             yield sampler.sample(inside[k : k + _ROWS + 1], placements)
 
 
-class _Sampler:
+class Sampler:
     """Samples an execution finely enough, with the parts of the cell.
 
     Args:
@@ -103,6 +107,7 @@ class _Sampler:
         ]
         self._held: dict[Stay, list[ConvexPart]] = {}
         self._resting: dict[Stay, _Resting] = {}
+        self._standing = BoundedCache[MovingRobot](_STANDING)
 
     def sample(self, knots: Array, placements: Mapping[str, Stay]) -> RunStretch:
         """Return a stretch between knots with the current object placements."""
@@ -123,10 +128,8 @@ class _Sampler:
             travel,
             placements,
             [
-                MovingRobot(robot, own, path)
-                for robot, own, path in zip(
-                    self._world.robots, parts, paths, strict=True
-                )
+                self._moving(k, *own)
+                for k, own in enumerate(zip(parts, paths, strict=True))
             ],
             shapes,
             StillParts.joined([parts for parts, _ in still]),
@@ -152,6 +155,19 @@ class _Sampler:
                 break
             t = finer
         raise OutputError(f"robots move too fast to be sampled near {t[0]:.6f} s")
+
+    def _moving(
+        self, robot: int, parts: Sequence[ConvexPart], path: Array
+    ) -> MovingRobot:
+        """Return a robot on its path; one that stands between two samples is known."""
+
+        def moving() -> MovingRobot:
+            return MovingRobot(self._world.robots[robot], parts, path)
+
+        if len(path) != 2 or np.any(path[0] != path[1]):
+            return moving()
+        key = robot, path.tobytes(), *map(id, parts)
+        return self._standing.get(key, moving)
 
     def _load(self, robot: WitnessRobot, stay: Stay) -> list[ConvexPart]:
         """Return the parts of an object in the hand of a robot."""
