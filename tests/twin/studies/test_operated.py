@@ -248,7 +248,7 @@ def test_what_cannot_be_planned_anew_is_refused_before_anything_is_planned(
 ) -> None:
     monkeypatch.setattr(
         import_module("twin.operations.api"),
-        "plan_scenario",
+        "plan_until_final",
         lambda *_, **__: pytest.fail("planned"),
     )
     with pytest.raises(RequestError, match=words):
