@@ -92,12 +92,18 @@ class BulkEngine:
         """Draw the duration of every segment in some replications."""
         numbers = np.asarray(replications, dtype=np.int64)
         totals = self._draws.totals(seed=seed, replications=numbers)
-        if not self._sampler.disturbed:
+        disturbed, count = self._sampler.disturbed, len(self._drawn_by.first)
+        if not disturbed:
             return self._busy(totals)
-        undisturbed = totals, self._every_busy(*self._varied(totals))
-        return self._sampler.sample_segments(
-            self._drawn_by, seed=seed, replications=numbers, undisturbed=undisturbed
+        known = None if len(disturbed) == count else disturbed
+        found = self._sampler.sample_segments(
+            self._drawn_by,
+            seed=seed,
+            replications=numbers,
+            chains=known,
+            totals=totals,
         )
+        return found if found.rows is None else self._with_undisturbed(found, totals)
 
     def execute(self, times: SegmentTimes) -> Completions:
         """Return all node times of replications without failed tasks."""
@@ -167,25 +173,35 @@ class BulkEngine:
 
     def _busy(self, totals: Nanoseconds) -> SegmentTimes:
         """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
-        drawn, varied = self._varied(totals)
         none = np.zeros(totals.shape[1], dtype=np.bool_)
+        nothing = np.empty((0, totals.shape[1]), dtype=np.int64)
+        rows = np.empty(0, dtype=np.int64)
+        return self._with_undisturbed(SegmentTimes(nothing, none, rows=rows), totals)
+
+    def _with_undisturbed(
+        self, drawn: SegmentTimes, totals: Nanoseconds
+    ) -> SegmentTimes:
+        """Return the times of some segments and of others from those of skills, shape (tasks, r) [ns].
+
+        Of robots with limits, those of other segments that do not vary are left out.
+        """
+        assert drawn.rows is not None
+        shares, rows = self._shares, None
+        varied, own = np.unique(shares.segment, return_inverse=True)
+        fixed = shares.fixed
         if self._drive is not None and not self._by_node:
-            return SegmentTimes(varied, none, rows=drawn)
-        return SegmentTimes(self._every_busy(drawn, varied), none)
-
-    def _varied(self, totals: Nanoseconds) -> tuple[Indices, Nanoseconds]:
-        """Return the segments that vary, and their times, shape (n, r) [ns]."""
-        shares = self._shares
-        drawn, own = np.unique(shares.segment, return_inverse=True)
-        varied = np.repeat(shares.fixed[drawn, None], totals.shape[1], axis=1)
-        _add_shares(totals, shares._replace(segment=own), varied)
-        return drawn, varied
-
-    def _every_busy(self, drawn: Indices, varied: Nanoseconds) -> Nanoseconds:
-        """Return the times of all segments, shape (segments, r) [ns]."""
-        busy = np.repeat(self._shares.fixed[:, None], varied.shape[1], axis=1)
-        busy[drawn] = varied
-        return busy
+            rows = np.union1d(varied, drawn.rows)
+            fixed, place = fixed[rows], np.searchsorted(rows, varied)
+            known = np.searchsorted(rows, drawn.rows)
+        else:
+            place, known = varied, drawn.rows
+        busy = np.repeat(fixed[:, None], totals.shape[1], axis=1)
+        _add_shares(totals, shares._replace(segment=place[own]), busy)
+        busy[known] = drawn.busy_ns
+        if rows is None:
+            for group in drawn.standstills:
+                np.add.at(busy, (group.node, group.column), group.duration_ns)
+        return replace(drawn, busy_ns=busy, rows=rows)
 
     def least_makespan_ns(self) -> int:
         """Return the makespan with the shortest possible duration of every skill [ns].

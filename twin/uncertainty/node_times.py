@@ -129,7 +129,7 @@ class SegmentTimes:
             through, chain by chain.
         speed_override: share of planned speed at which nodes are executed, shaped as ``busy_ns``;
             of shape (0, 0) where it is 1 for all, and for robots without limits of acceleration.
-        rows: the segments that ``busy_ns`` is of, without standstills, where others do not vary; None for all,
+        rows: the segments that ``busy_ns`` is of, without standstills, where it is not of others; None for all,
             with standstills.
     """
 
@@ -207,12 +207,13 @@ class NodeTimeSampler:
             for k, chain in enumerate(tpg.chains)
         ]
         self._chains = [RobotTaskNodes(tpg, chain, names) for chain in tpg.chains]
+        self._scales_drives = is_driven(tpg) and disturbances.speed != Speed()
         self.disturbed: list[int] = [
             k
             for k, (chain, own) in enumerate(
                 zip(tpg.chains, self._by_chain, strict=True)
             )
-            if own.vary_durations(chain.robot)
+            if self._scales_drives or own.vary_durations(chain.robot)
         ]
         # A transit that is drawn quicker than planned stays within its joints' speed limits.
         self._floor = [
@@ -221,7 +222,6 @@ class NodeTimeSampler:
                 self._chains, least_ns(tpg), nominal_ns(tpg), strict=True
             )
         ]
-        self._scales_drives = is_driven(tpg) and disturbances.speed != Speed()
         nodes = max((len(chain) for chain in tpg.chains), default=1)
         self._most_replications = max(_MOST_VALUES // max(nodes, 1), 1)
 
@@ -271,7 +271,8 @@ class NodeTimeSampler:
         *,
         seed: int,
         replications: npt.ArrayLike,
-        undisturbed: tuple[Nanoseconds, Nanoseconds] | None = None,
+        chains: Sequence[int] | None = None,
+        totals: Nanoseconds | None = None,
     ) -> SegmentTimes:
         """Draw many replications, as sums over the segments of the contracted graph.
 
@@ -279,28 +280,27 @@ class NodeTimeSampler:
             contraction: the contracted graph.
             seed: names the draws.
             replications: numbers of the replications.
-            undisturbed: duration of every task that varies, and times of all segments without disturbances,
-                which are changed for the chains that are disturbed [ns]. Without them both are drawn.
+            chains: those whose nodes are drawn, by index; by default all. With them the times have ``rows``.
+            totals: duration of every task that varies, where known, shape (tasks, replications) [ns].
         """
         numbers = np.asarray(replications, dtype=np.int64)
-        segments = [len(first) - 1 for first in contraction.first]
-        offsets = np.cumsum([0, *segments]).tolist()
-        if undisturbed is None:
-            which = list(range(len(segments)))
+        which = range(len(self._chains)) if chains is None else chains
+        offsets = np.cumsum([0, *(len(first) - 1 for first in contraction.first)])
+        segments = [np.arange(offsets[k], offsets[k + 1]) for k in which]
+        borders = np.cumsum([0, *map(len, segments)]).tolist()
+        if totals is None:
             totals = self.skills.totals(seed=seed, replications=numbers)
-            busy = np.empty((offsets[-1], len(numbers)), dtype=np.int64)
-        else:
-            which, (totals, busy) = self.disturbed, undisturbed
+        busy = np.empty((borders[-1], len(numbers)), dtype=np.int64)
         fails = np.zeros(len(numbers), dtype=np.bool_)
         stands: list[Standstills] = []
         scaled = np.ones(busy.shape if self._scales_drives else (0, 0))
         for low in range(0, len(numbers), self._most_replications):
             part = slice(low, low + self._most_replications)
             drawn = self._draw(which, seed, numbers[part], totals[:, part])
-            for k, (motion, found, failed, _, override) in zip(
-                which, drawn, strict=True
+            for k, begin, end, (motion, found, failed, _, override) in zip(
+                which, borders[:-1], borders[1:], drawn, strict=True
             ):
-                first, own = contraction.first[k], slice(offsets[k], offsets[k + 1])
+                first, own = contraction.first[k], slice(begin, end)
                 if self._scales_drives:  # no segment is longer than a node then
                     scaled[own, part] = override
                 rows = busy[own, part]
@@ -308,11 +308,13 @@ class NodeTimeSampler:
                     np.add.reduceat(motion, first[:-1], axis=0, out=rows)
                 for group in found:
                     segment = np.searchsorted(first, group.node, side="right") - 1
-                    np.add.at(rows, (segment, group.column), group.duration_ns)
+                    if chains is None:
+                        np.add.at(rows, (segment, group.column), group.duration_ns)
                     node, column = offsets[k] + segment, low + group.column
                     stands.append(replace(group, node=node, column=column))
                 fails[part] |= failed >= 0
-        return SegmentTimes(busy, fails, tuple(stands), scaled)
+        known = None if chains is None else np.concatenate(segments)
+        return SegmentTimes(busy, fails, tuple(stands), scaled, known)
 
     def _draw(
         self, which: Sequence[int], seed: int, numbers: Indices, totals: Nanoseconds

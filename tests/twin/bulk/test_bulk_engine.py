@@ -123,6 +123,10 @@ def test_only_times_of_disturbed_robots_are_drawn_by_node(
     assert sampler.disturbed == [1]
     assert np.array_equal(found.busy_ns, whole.busy_ns)
     assert np.array_equal(found.stood_ns(), whole.stood_ns())
+    few = BulkEngine(tpg, model)
+    times = few.sample(seed=seed, replications=range(4))
+    assert (times.rows is not None) == driven
+    assert np.array_equal(few.makespans(times), engine.makespans(whole))
 
 
 def test_engines_agree_in_slots() -> None:
