@@ -6,7 +6,7 @@ The replications of a study are simulated again with the same random draws, and 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -147,6 +147,9 @@ def cell_gains(
         return CellGains(0, engine, ())
     most = _FEW if engine == "events" else _MANY
     found = replay.base()
+    if load.bulk_until_ns and found.makespan_ns.max() >= load.bulk_until_ns:
+        stopped = replace(load, bulk_until_ns=0)
+        return cell_gains(experiment, stopped, count, share=share)
     interventions = candidates(replay, found, load.execution, most)
     base = _seconds(found.makespan_ns)
     del found  # as large as all draws, several times

@@ -85,7 +85,7 @@ class Intervention:
 def needs_event_engine(load: Workload) -> bool:
     """Return whether replays need the event engine."""
     model = load.execution
-    return bool(load.reasons) and (
+    return load.by_events and (
         is_driven(load.tpg)
         or model.disturbances.at_absolute_times
         or model.policy == "synchronous"
