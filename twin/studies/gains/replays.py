@@ -145,7 +145,8 @@ class Replay:
             self._bulk.graph = graph
         self.tpg, self.graph = cut.tpg, graph
         self.numbers, self.times = numbers[~times.fails], times.completing()
-        self.eases_waits = not (load.reasons or self._simulator or is_driven(load.tpg))
+        waits = load.by_events or self._simulator or is_driven(load.tpg)
+        self.eases_waits = not waits
 
     @cached_property
     def work_ns(self) -> Nanoseconds:

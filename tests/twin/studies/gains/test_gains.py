@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy import stats
 
 from tests.twin.studies.study_toys import toy_workload
 from twin.studies.gains.files import write_gains
-from twin.studies.gains.gains import cell_gains, study_gains
+from twin.studies.gains.gains import cell_gains, gain_content, study_gains
 from twin.studies.gains.paired_quantiles import PairedQuantiles
 from twin.studies.gains.replays import Replay
 from twin.studies.replications.experiment import Experiment
@@ -54,6 +55,24 @@ def test_replications_that_are_tried_follow_from_sizes_alone() -> None:
     cell = cell_gains(ONE, load, 1000, share=0.0)
     assert (cell.replications, cell.engine) == (8, "events")
     assert "emergency stops" in [gain.intervention.name for gain in cell.gains]
+
+
+def test_stops_that_no_run_comes_to_change_no_gains() -> None:
+    load = toy_workload(2)
+    plain = cell_gains(ONE, load, 400)
+    last = int(Replay(load, np.arange(400)).base().makespan_ns.max())
+    for at_ns, engine in ((last + 1, "paths"), (last, "events")):
+        stop = EmergencyStop(at_s=at_ns / 1e9, duration_s=5.0)
+        model = replace(
+            load.execution, disturbances=Disturbances(emergency_stops=(stop,))
+        )
+        stopped = replace(load, execution=model, reasons=("stops",))
+        found = cell_gains(ONE, replace(stopped, bulk_until_ns=at_ns), 400)
+        assert found.engine == engine
+        same = plain if engine == "paths" else cell_gains(ONE, stopped, 400)
+        assert list(map(gain_content, found.gains)) == list(
+            map(gain_content, same.gains)
+        )
 
 
 def test_a_plan_in_which_nothing_varies_has_exact_gains() -> None:
