@@ -59,17 +59,17 @@ def test_replications_that_are_tried_follow_from_sizes_alone() -> None:
 
 def test_stops_that_no_run_comes_to_change_no_gains() -> None:
     load = toy_workload(2)
-    plain = cell_gains(ONE, load, 400)
-    last = int(Replay(load, np.arange(400)).base().makespan_ns.max())
+    plain = cell_gains(ONE, load, 24)
+    last = int(Replay(load, np.arange(24)).base().makespan_ns.max())
     for at_ns, engine in ((last + 1, "paths"), (last, "events")):
         stop = EmergencyStop(at_s=at_ns / 1e9, duration_s=5.0)
         model = replace(
             load.execution, disturbances=Disturbances(emergency_stops=(stop,))
         )
         stopped = replace(load, execution=model, reasons=("stops",))
-        found = cell_gains(ONE, replace(stopped, bulk_until_ns=at_ns), 400)
+        found = cell_gains(ONE, replace(stopped, bulk_until_ns=at_ns), 24)
         assert found.engine == engine
-        same = plain if engine == "paths" else cell_gains(ONE, stopped, 400)
+        same = plain if engine == "paths" else cell_gains(ONE, stopped, 24)
         assert list(map(gain_content, found.gains)) == list(
             map(gain_content, same.gains)
         )
