@@ -13,17 +13,17 @@ from twin.document.validation import Problems
 from twin.document.yaml_text import KeyPath
 from twin.kinds.parts.batches import MOST_UNEVEN, Run, batch_runs, batch_sizes
 from twin.kinds.parts.between import AfterSection
-from twin.kinds.parts.section import MachineSection, PartsSection, StepSection
+from twin.kinds.parts.section import PartsSection, StepSection
 
 _SAME_S = 1e-6
 """Times that differ by less are the same [s]."""
 
 
 def with_start_windows(product: PartsSection) -> PartsSection:
-    """Return a product in which whatever is put into a machine with ``start_after_s`` has a window until that begins."""
+    """Return a product with a window from each step that fills a machine with ``start_after_s`` to the run there."""
     steps = list(product.steps)
     for k, step in enumerate(steps):
-        machine, put_in = _machine(product, step), _put_in(steps, k)
+        machine, put_in = product.machine_of(step), _put_in(steps, k)
         if machine and machine.start_after_s and put_in is not None:
             known = steps[put_in].known_as or ""
             window = AfterSection(step=known, within_s=machine.start_after_s)
@@ -109,7 +109,7 @@ def batch_start_problems(section: PartsSection) -> Problems:
             numbers = section.steps_of(variant)
             steps = [section.steps[k] for k in numbers]
             for k, run in enumerate(batch_runs(steps, sizes)):
-                if run is None or _machine(section, steps[k]) is not machine:
+                if run is None or section.machine_of(steps[k]) is not machine:
                     continue
                 runs.add(run)
                 put_in = _put_in(steps, k)
@@ -121,12 +121,6 @@ def batch_start_problems(section: PartsSection) -> Problems:
         if len(runs) != 1:
             words = f"is of batches (capacity) of one run of one process in a product, not of {len(runs)}"
             yield (*at, key), f"{key} {words}: leave it out"
-
-
-def _machine(section: PartsSection, step: StepSection) -> MachineSection | None:
-    """Return the machine of a step."""
-    process = section.processes.get(step.process or "")
-    return section.machines.get(process.machine or "") if process else None
 
 
 def _put_in(steps: Sequence[StepSection], number: int) -> int | None:

@@ -334,8 +334,7 @@ def _check_rush(section: PartsSection) -> Problems:
             what = "give each part a source of its own, or leave rush out"
             yield ("assembly", "sources", name), f"{words}: {what}"
     for k, step in enumerate(section.steps):
-        process = section.processes.get(step.process or "")
-        machine = section.machines.get((process and process.machine) or "")
+        machine = section.machine_of(step)
         least = [x.step for x in step.follows if x.at_least_s]
         own = step.variants and (least or (machine and machine.door))
         if own or some.intersection(least):

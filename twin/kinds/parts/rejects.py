@@ -45,7 +45,7 @@ def _done_again(section: PartsSection, number: int) -> list[str]:
     part, found = checked.at and checked.at.part, list[str]()
     for step in section.steps[:number] if listed else section.steps:
         process = section.processes.get(step.process or "")
-        machine = section.machines.get((process and process.machine) or "")
+        machine = section.machine_of(step)
         if process is None:
             came = step.place == part
         elif step is checked or (step.at and step.at.part) != part:

@@ -537,6 +537,11 @@ class PartsSection(AssemblySection):
             fits=tuple(fit for fit in self.fits if others.isdisjoint(fit.parts)),
         )
 
+    def machine_of(self, step: StepSection) -> MachineSection | None:
+        """Return the machine that works at the part of a step; None for other steps."""
+        process = self.processes.get(step.process or "")
+        return self.machines.get(process.machine or "") if process else None
+
     def steps_at(self, machine: str | None) -> tuple[list[int], list[int]]:
         """Return the steps that first and last concern a machine, or all of them without one, from 1.
 
