@@ -247,7 +247,7 @@ class Forecaster:
         if self._tpg.cell.is_machine(robot.name):
             found = found.of_machine(robot.name)
         if robot.standing == "stalled":
-            if found.stalls.count_per_robot or found.stalls.rate_per_h:
+            if found.stalls.happen:
                 return found.stalls.model
         elif found.breakdowns is not None:
             return found.breakdowns.repair

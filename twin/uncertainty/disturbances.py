@@ -138,6 +138,11 @@ class Stalls(Section):
         return self
 
     @property
+    def happen(self) -> bool:
+        """True if there are any."""
+        return bool(self.count_per_robot or self.rate_per_h)
+
+    @property
     def model(self) -> DurationModel:
         """Distribution of a stall."""
         low, high = self.duration_s
@@ -470,11 +475,11 @@ class Disturbances(Section):
 
     def vary_durations(self, name: str) -> bool:
         """Return whether something of a name may take longer than its skills say, or fail, at no given time."""
-        stalls, breaks = self.stalls, self.breakdowns
+        breaks = self.breakdowns
         return (
             self.speed != Speed()
             or self.jitter is not None
-            or bool(stalls.count_per_robot or stalls.rate_per_h)
+            or self.stalls.happen
             or (breaks is not None and breaks.affects(name, "busy"))
             or any(own.probability or own.parts for own in self.failures.values())
         )
@@ -500,7 +505,7 @@ class Disturbances(Section):
             return None if model is None else model.located(folder)
 
         def happening(stalls: Stalls) -> Stalls:
-            if not stalls.count_per_robot and not stalls.rate_per_h:
+            if not stalls.happen:
                 return Stalls()
             return stalls.changed(duration=read(stalls.duration))
 
