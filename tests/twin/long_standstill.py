@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import yaml
 
 import twin
+from tests.peak_memory import peak_kb
 from tests.twin.program import invoke
 from twin.registry import EXPORTS
 from twin.trial.run_plan import run_plan_to_folder
@@ -101,13 +102,6 @@ def told(folder: Path, kind: str, seconds: float, plan: Any) -> dict[str, Any]:
         "exit": done.exit_code,
         **sizes,
     }
-
-
-def peak_kb() -> int:
-    """Return the peak of memory of this process [kB]; ru_maxrss has that of the process that began it."""
-    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
-    (peak,) = (line.split()[1] for line in lines if line.startswith("VmHWM"))
-    return int(peak)
 
 
 def main() -> None:
